@@ -1,0 +1,3 @@
+//! The displaced surface and the methods that intersect it.
+
+pub mod surface;

@@ -1,0 +1,137 @@
+//! The entry points: bind, index, call, store; no logic.
+#![expect(
+    clippy::too_many_arguments,
+    reason = "an entry point takes one argument per binding and specialisation constant"
+)]
+#![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
+
+use crate::counters::Counts;
+use crate::interface::{
+    Batch, BvhNode, Counter, FilmPixel, Frame, Intersection, PointLight, Ray, Tile, Triangle, Vertex,
+};
+use crate::math::{add_counter, at, put};
+use crate::scene::{Features, SceneView};
+use crate::{probe, render};
+use glam::{UVec3, Vec4};
+use spirv_std::{glam, spirv};
+
+/// Adds one sample to each pixel of a tile.
+#[spirv(compute(threads(8, 8), entry_point_name = "render"))]
+pub fn render(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] tile: &Tile,
+    #[spirv(spec_constant(id = 0, default = 2))] method: u32,
+    #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
+    #[spirv(spec_constant(id = 2, default = 1))] shadows: u32,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 4, default = 0))] color_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(spec_constant(id = 6, default = 0))] color_wrap: u32,
+    #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] film: &mut [FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
+) {
+    let scene =
+        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
+    let features = Features {
+        method,
+        shade,
+        shadows,
+        height_format,
+        color_format,
+        height_wrap,
+        color_wrap,
+        counters: counting,
+    };
+    if id.x < tile.width && id.y < tile.height {
+        let (x, y) = (tile.x + id.x, tile.y + id.y);
+        let mut counts = Counts::default();
+        let sample = render::sample_pixel(&scene, features, x, y, tile.sample, &mut counts);
+        let pixel = y * frame.width + x;
+        let sum = at(film, pixel).plus(sample);
+        put(film, pixel, sum);
+        add_counts(counters, counts, features);
+    }
+}
+
+/// Resolves each pixel of a tile.
+#[spirv(compute(threads(8, 8), entry_point_name = "resolve"))]
+pub fn resolve(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] tile: &Tile,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] film: &[FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] picture: &mut [Vec4],
+) {
+    if id.x < tile.width && id.y < tile.height {
+        let pixel = (tile.y + id.y) * frame.width + tile.x + id.x;
+        put(picture, pixel, at(film, pixel).resolve(frame));
+    }
+}
+
+/// Finds the nearest hit of each ray of a batch.
+#[spirv(compute(threads(64), entry_point_name = "trace_rays"))]
+pub fn trace_rays(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 0, default = 2))] method: u32,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] rays: &[Ray],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] intersections: &mut [Intersection],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
+) {
+    let scene =
+        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
+    let features = Features { method, height_format, height_wrap, counters: counting, ..Features::default() };
+    if id.x < batch.count {
+        let mut counts = Counts::default();
+        let i = batch.first + id.x;
+        put(intersections, i, render::trace_ray(&scene, features, at(rays, i), &mut counts));
+        add_counts(counters, counts, features);
+    }
+}
+
+/// Runs one elementary kernel on each item of a batch.
+#[spirv(compute(threads(64), entry_point_name = "probe"))]
+pub fn probe(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] batch: &Batch,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 13)] input: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] output: &mut [u32],
+) {
+    if id.x < batch.count {
+        probe::run(batch.kernel, input, output, batch.first + id.x);
+    }
+}
+
+/// Adds an invocation's counts to the totals: cap hits always, the rest where counting is compiled in.
+fn add_counts(counters: &mut [Counter], counts: Counts, features: Features) {
+    let values = counts.to_array();
+    if features.counters != 0 {
+        let mut i = 0;
+        while i < values.len() {
+            add_counter(counters, i as u32, values[i]);
+            i += 1;
+        }
+    } else if counts.cap_hits != 0 {
+        add_counter(counters, crate::interface::counter::CAP_HITS, counts.cap_hits);
+    }
+}

@@ -1,0 +1,398 @@
+//! Every struct, binding number and specialisation constant that the host and the kernels share.
+//!
+//! The structs are declared once, here: the host fills them, the CPU backend and the shader read them. Offsets
+//! are those of `repr(C)` with 4-byte alignment throughout (glam's `Vec3` is 12 bytes, aligned to 4), which is
+//! also what rust-gpu decorates; `tests/tests/layout.rs` compares both with the compiled module.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// Descriptor bindings of set 0. `entry.rs` repeats them as literals, because attributes take no constants; the
+/// layout test compares the two.
+pub mod binding {
+    /// [`Frame`](super::Frame), read.
+    pub const FRAME: u32 = 0;
+    /// `[Vertex]`, read.
+    pub const VERTICES: u32 = 1;
+    /// `[Triangle]`, read.
+    pub const TRIANGLES: u32 = 2;
+    /// `[BvhNode]`, read.
+    pub const NODES: u32 = 3;
+    /// `[u32]`: triangle indices in the order of the BVH's leaves, read.
+    pub const PRIMITIVES: u32 = 4;
+    /// `[u32]`: texels of the height map, in [`height_format`](super::height_format), read.
+    pub const HEIGHT_TEXELS: u32 = 5;
+    /// `[u32]`: texels of the colour map, in [`color_format`](super::color_format), read.
+    pub const COLOR_TEXELS: u32 = 6;
+    /// `[PointLight]`, read.
+    pub const LIGHTS: u32 = 7;
+    /// `[FilmPixel]`, row-major, top row first: the sum of samples, read and written.
+    pub const FILM: u32 = 8;
+    /// `[Vec4]`: the resolved picture, written by `resolve`.
+    pub const PICTURE: u32 = 9;
+    /// `[Counter; counter::COUNT]`, added to atomically.
+    pub const COUNTERS: u32 = 10;
+    /// `[Ray]`, read by `trace_rays`.
+    pub const RAYS: u32 = 11;
+    /// `[Intersection]`, written by `trace_rays`.
+    pub const INTERSECTIONS: u32 = 12;
+    /// `[u32]`, the arguments of `probe`, read.
+    pub const PROBE_IN: u32 = 13;
+    /// `[u32]`, the results of `probe`, written.
+    pub const PROBE_OUT: u32 = 14;
+    /// How many bindings set 0 has.
+    pub const COUNT: u32 = 15;
+}
+
+/// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
+/// its pipeline. Each is a `u32`; defaults stand in `entry.rs`.
+pub mod spec {
+    /// How displaced triangles are intersected: [`method`](super::method).
+    pub const METHOD: u32 = 0;
+    /// What a pixel shows: [`shade`](super::shade).
+    pub const SHADE: u32 = 1;
+    /// 1 where lights cast shadows.
+    pub const SHADOWS: u32 = 2;
+    /// How the height map's texels are stored: [`height_format`](super::height_format).
+    pub const HEIGHT_FORMAT: u32 = 3;
+    /// How the colour map's texels are stored: [`color_format`](super::color_format).
+    pub const COLOR_FORMAT: u32 = 4;
+    /// How texture coordinates outside [0,1) of the height map are read: [`wrap`](super::wrap).
+    pub const HEIGHT_WRAP: u32 = 5;
+    /// The same for the colour map.
+    pub const COLOR_WRAP: u32 = 6;
+    /// 1 where work is counted: boxes, cells, triangles. Cap hits are counted regardless.
+    pub const COUNTERS: u32 = 7;
+    /// How many specialisation constants there are.
+    pub const COUNT: u32 = 8;
+}
+
+/// Values of [`spec::METHOD`].
+pub mod method {
+    /// The base triangles, undisplaced.
+    pub const NONE: u32 = 0;
+    /// Every one of the N² micro-triangles of a prism.
+    pub const BRUTE_FORCE: u32 = 1;
+    /// The grid walk of Smits, Shirley and Stark 2000.
+    pub const GRID_WALK: u32 = 2;
+}
+
+/// Values of [`spec::SHADE`].
+pub mod shade {
+    /// Lambert and ambient light, times the colour map.
+    pub const LIT: u32 = 0;
+    /// The geometric normal, [-1,1] mapped to [0,1].
+    pub const NORMAL: u32 = 1;
+    /// The height, its range mapped to black-white.
+    pub const HEIGHT: u32 = 2;
+    /// The texture coordinates' fractional parts in red and green.
+    pub const UV: u32 = 3;
+    /// A colour per micro-triangle.
+    pub const CELL: u32 = 4;
+    /// Micro-triangle tests and cells walked by the primary ray, from blue (few) to red (many).
+    pub const STEPS: u32 = 5;
+}
+
+/// Values of [`spec::HEIGHT_FORMAT`].
+pub mod height_format {
+    /// Four 8-bit unsigned texels a word, the first in the lowest byte; 255 is 1.
+    pub const UNORM8: u32 = 0;
+    /// Two 16-bit unsigned texels a word, the first in the lower half; 65535 is 1.
+    pub const UNORM16: u32 = 1;
+    /// One 32-bit float a word.
+    pub const FLOAT32: u32 = 2;
+}
+
+/// Values of [`spec::COLOR_FORMAT`].
+pub mod color_format {
+    /// No colour map: every surface has [`Frame::albedo`](super::Frame::albedo).
+    pub const NONE: u32 = 0;
+    /// The first 256 words are linear intensities (floats) of the 256 sRGB codes; then a word a texel, R in the
+    /// lowest byte, then G, B, A. Alpha is not read.
+    pub const SRGB8: u32 = 1;
+    /// Three words a texel: R, G, B as 32-bit floats, linear.
+    pub const FLOAT32: u32 = 2;
+}
+
+/// Values of [`spec::HEIGHT_WRAP`] and [`spec::COLOR_WRAP`].
+pub mod wrap {
+    /// The map repeats.
+    pub const REPEAT: u32 = 0;
+    /// The map's border texels go on outwards.
+    pub const CLAMP: u32 = 1;
+    /// The map repeats, each second copy mirrored.
+    pub const MIRROR: u32 = 2;
+}
+
+/// Indices into the counter buffer.
+pub mod counter {
+    /// Primary rays.
+    pub const PRIMARY_RAYS: u32 = 0;
+    /// Shadow rays.
+    pub const SHADOW_RAYS: u32 = 1;
+    /// Primary rays that hit.
+    pub const HITS: u32 = 2;
+    /// Ray/box tests.
+    pub const BOXES: u32 = 3;
+    /// Prisms entered.
+    pub const PRISMS: u32 = 4;
+    /// Cells walked by the grid walk.
+    pub const CELLS: u32 = 5;
+    /// Micro-triangles tested.
+    pub const TRIANGLES: u32 = 6;
+    /// Walks that met their cap on steps.
+    pub const CAP_HITS: u32 = 7;
+    /// Prisms whose walk could not be trusted and that were scanned row by row instead.
+    pub const SCANS: u32 = 8;
+    /// How many counters there are.
+    pub const COUNT: usize = 9;
+}
+
+/// Threads of a workgroup of `render` and `resolve` along x and along y.
+pub const TILE_GROUP_SIZE: u32 = 8;
+/// Threads of a workgroup of `trace_rays` and `probe`.
+pub const BATCH_GROUP_SIZE: u32 = 64;
+/// Largest number of subdivisions N of a triangle's side.
+pub const MAX_SUBDIVISIONS: u32 = 4096;
+/// [`Hit::primitive`](crate::hit::Hit) and [`Intersection::primitive`] of a ray that hits nothing.
+pub const MISS: u32 = u32::MAX;
+/// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
+pub const FLIPPED: u32 = 1;
+
+/// A corner of the base mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Vertex {
+    /// Where it is, in model units.
+    pub position: Vec3,
+    /// First texture coordinate, growing to the right of the map.
+    pub u: f32,
+    /// Unit normal.
+    pub normal: Vec3,
+    /// Second texture coordinate, growing upwards from the map's bottom row.
+    pub v: f32,
+}
+
+/// A base triangle. Its vertices are stored in ascending order of index, so that the two triangles at an edge
+/// interpolate along it in the same order of operations and get the same bits; [`FLIPPED`] keeps its orientation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Triangle {
+    /// Indices of its three vertices, ascending.
+    pub vertices: [u32; 3],
+    /// [`FLIPPED`] or 0.
+    pub flags: u32,
+}
+
+/// A node of the binary BVH. Inner nodes have their two children side by side.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BvhNode {
+    /// Lower corner of its box.
+    pub min: Vec3,
+    /// Leaf: first index into the primitives. Inner node: index of the first child; the second follows it.
+    pub first: u32,
+    /// Upper corner of its box.
+    pub max: Vec3,
+    /// Leaf: how many primitives. Inner node: 0.
+    pub count: u32,
+}
+
+/// A point light whose irradiance at distance d is `intensity / d²` (facing it).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PointLight {
+    /// Where it is, in model units.
+    pub position: Vec3,
+    /// Strength, in model units squared.
+    pub intensity: f32,
+    /// Linear RGB.
+    pub color: Vec3,
+    /// Unused.
+    pub padding: u32,
+}
+
+/// A pinhole camera: the ray through film coordinates (x, y) in [0,1]², y down, has the direction
+/// `forward + (2x-1) right + (1-2y) up`, normalised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Camera {
+    /// The pinhole.
+    pub eye: Vec3,
+    /// Unused.
+    pub padding0: u32,
+    /// Half the film's width at distance 1.
+    pub right: Vec3,
+    /// Unused.
+    pub padding1: u32,
+    /// Half the film's height at distance 1.
+    pub up: Vec3,
+    /// Unused.
+    pub padding2: u32,
+    /// Unit view direction.
+    pub forward: Vec3,
+    /// Unused.
+    pub padding3: u32,
+}
+
+/// How the base mesh is displaced: height = `scale * (texel - zero)` along the normalised interpolated normal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Displacement {
+    /// Height of a texel step from 0 to 1, in model units; may be negative.
+    pub scale: f32,
+    /// The texel value of no displacement.
+    pub zero: f32,
+    /// N: parts of each side, 1 to [`MAX_SUBDIVISIONS`].
+    pub subdivisions: u32,
+    /// Width of the height map in texels, at least 1.
+    pub map_width: u32,
+    /// Height of the height map in texels, at least 1.
+    pub map_height: u32,
+    /// Least height of the map, rounded down.
+    pub height_min: f32,
+    /// Greatest height of the map, rounded up.
+    pub height_max: f32,
+    /// Unused.
+    pub padding: u32,
+}
+
+/// What all pixels of a picture share.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Frame {
+    /// The camera.
+    pub camera: Camera,
+    /// The relief.
+    pub displacement: Displacement,
+    /// Width of the film in pixels.
+    pub width: u32,
+    /// Height of the film in pixels.
+    pub height: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+    /// How many lights.
+    pub light_count: u32,
+    /// Linear RGB of a surface without a colour map.
+    pub albedo: Vec3,
+    /// Light that reaches every point, as a share of full light.
+    pub ambient: f32,
+    /// Linear RGB behind the surface.
+    pub background: Vec3,
+    /// 1 where the background is opaque, 0 where it is transparent.
+    pub background_alpha: f32,
+    /// Width of the colour map in texels.
+    pub color_width: u32,
+    /// Height of the colour map in texels.
+    pub color_height: u32,
+    /// How many triangles; the BVH is not read where there are none.
+    pub triangle_count: u32,
+    /// [`shade::STEPS`]: the count that is shown red.
+    pub steps_scale: u32,
+}
+
+/// What one dispatch of `render` does, as push constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Tile {
+    /// Left edge in pixels.
+    pub x: u32,
+    /// Top edge in pixels.
+    pub y: u32,
+    /// Width in pixels; threads beyond it do nothing.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Index of the sample to add.
+    pub sample: u32,
+}
+
+/// How many rays or probes a batch dispatch covers, as push constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Batch {
+    /// Index of the first item.
+    pub first: u32,
+    /// How many items.
+    pub count: u32,
+    /// `probe` only: which kernel, one of [`probe`](crate::probe).
+    pub kernel: u32,
+}
+
+/// The sum of the samples of a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FilmPixel {
+    /// Linear RGB, premultiplied by coverage. (An array, since a `Vec3` would ask for a stride of 32 bytes.)
+    pub radiance: [f32; 3],
+    /// Coverage.
+    pub alpha: f32,
+    /// How many samples.
+    pub samples: u32,
+}
+
+/// A 64-bit counter made of two words, since 64-bit atomics are not in Vulkan 1.2's core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Counter {
+    /// Lower word.
+    pub low: u32,
+    /// Upper word: how often the lower one overflowed.
+    pub high: u32,
+}
+
+/// A ray for `trace_rays`: hits at `origin + t * direction` with `0 <= t <= t_max` count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: Vec3,
+    /// Its end, in lengths of `direction`; may be infinite.
+    pub t_max: f32,
+    /// Where it goes; any finite length above zero.
+    pub direction: Vec3,
+    /// Unused.
+    pub padding: u32,
+}
+
+/// What `trace_rays` reports of a ray's nearest hit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Intersection {
+    /// The hit point.
+    pub point: Vec3,
+    /// Its distance in lengths of the ray's direction; infinite on a miss.
+    pub t: f32,
+    /// Unit geometric normal of the micro-triangle, to the outside of the base mesh.
+    pub normal: Vec3,
+    /// Index of the base triangle, or [`MISS`].
+    pub primitive: u32,
+    /// Bound on the error of each coordinate of `point`.
+    pub point_error: Vec3,
+    /// The micro-triangle: a packed [`Cell`](crate::displacement::cell::Cell).
+    pub cell: u32,
+    /// Barycentric coordinates on the micro-triangle of its second and third vertex.
+    pub b1: f32,
+    /// See `b1`.
+    pub b2: f32,
+    /// Texture coordinates.
+    pub u: f32,
+    /// See `u`.
+    pub v: f32,
+}
+
+const _: () = {
+    assert!(size_of::<Vertex>() == 32);
+    assert!(size_of::<Triangle>() == 16);
+    assert!(size_of::<BvhNode>() == 32);
+    assert!(size_of::<PointLight>() == 32);
+    assert!(size_of::<Camera>() == 64);
+    assert!(size_of::<Displacement>() == 32);
+    assert!(size_of::<Frame>() == 160);
+    assert!(size_of::<Tile>() == 20);
+    assert!(size_of::<Batch>() == 12);
+    assert!(size_of::<FilmPixel>() == 20);
+    assert!(size_of::<Counter>() == 8);
+    assert!(size_of::<Ray>() == 32);
+    assert!(size_of::<Intersection>() == 64);
+};

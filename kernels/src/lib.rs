@@ -1,0 +1,18 @@
+//! Everything of Emboss that runs on the GPU, and on the CPU from the same source.
+//!
+//! A kernel is a plain function over slices and `repr(C)` structs. `entry` wraps the ones that Vulkan dispatches;
+//! the CPU backend and the tests call the same functions.
+#![no_std]
+#![deny(unsafe_code)]
+
+pub mod camera;
+pub mod counters;
+pub mod displacement;
+pub mod entry;
+pub mod film;
+pub mod interface;
+pub mod math;
+pub mod probe;
+pub mod render;
+pub mod sampler;
+pub mod scene;

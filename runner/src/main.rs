@@ -1,0 +1,2 @@
+//! Emboss.
+fn main() {}
