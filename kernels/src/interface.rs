@@ -154,6 +154,9 @@ pub const TILE_GROUP_SIZE: u32 = 8;
 pub const BATCH_GROUP_SIZE: u32 = 64;
 /// Largest number of subdivisions N of a triangle's side.
 pub const MAX_SUBDIVISIONS: u32 = 4096;
+/// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry
+/// for each. Median splits of 2^32 primitives need 32; the rest is room for uneven SAH splits.
+pub const MAX_BVH_DEPTH: u32 = 40;
 /// [`Hit::primitive`](crate::hit::Hit) and [`Intersection::primitive`] of a ray that hits nothing.
 pub const MISS: u32 = u32::MAX;
 /// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
