@@ -13,13 +13,11 @@ pub struct TriangleHit {
     pub b1: f32,
     /// Barycentric coordinate of the third vertex.
     pub b2: f32,
-    /// Whether the ray meets an edge or a vertex exactly, so that a neighbour is met too.
-    pub on_edge: bool,
 }
 
 impl TriangleHit {
     /// No hit.
-    pub const NONE: TriangleHit = TriangleHit { t: f32::INFINITY, b1: 0.0, b2: 0.0, on_edge: false };
+    pub const NONE: TriangleHit = TriangleHit { t: f32::INFINITY, b1: 0.0, b2: 0.0 };
 }
 
 /// Meets the triangle (p0, p1, p2) from either side at a distance in [0, `t_max`]; edges belong to it.
@@ -45,8 +43,7 @@ pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -
     }
     let t = (e0 * a.z + e1 * b.z + e2 * c.z) / det;
     if t >= 0.0 && t <= t_max {
-        let on_edge = e0 == 0.0 || e1 == 0.0 || e2 == 0.0;
-        TriangleHit { t, b1: e1 / det, b2: e2 / det, on_edge }
+        TriangleHit { t, b1: e1 / det, b2: e2 / det }
     } else {
         TriangleHit::NONE
     }
@@ -67,7 +64,6 @@ mod tests {
     fn hit_has_distance_and_barycentrics() {
         let hit = intersect(&ray(Vec3::new(0.25, 0.5, 2.0), Vec3::new(0.25, 0.5, 0.0)), P[0], P[1], P[2], 10.0);
         assert_eq!((hit.t, hit.b1, hit.b2), (2.0, 0.25, 0.5));
-        assert!(!hit.on_edge);
     }
 
     #[test]
@@ -88,11 +84,10 @@ mod tests {
     }
 
     #[test]
-    fn edges_and_vertices_belong_to_the_triangle_and_are_reported() {
+    fn edges_and_vertices_belong_to_the_triangle() {
         for target in [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.0, 0.25, 0.0)] {
             let hit = intersect(&ray(target + Vec3::Z, target), P[0], P[1], P[2], 10.0);
             assert_eq!(hit.t, 1.0);
-            assert!(hit.on_edge);
         }
     }
 

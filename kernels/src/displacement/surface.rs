@@ -137,14 +137,15 @@ impl BaseTriangle {
     /// The three micro-vertices of a cell, in its order.
     #[inline]
     pub fn micro_triangle(&self, field: &HeightField<'_>, cell: Cell) -> [MicroVertex; 3] {
-        let (j0, k0) = cell.vertex(0);
-        let (j1, k1) = cell.vertex(1);
-        let (j2, k2) = cell.vertex(2);
-        [
-            self.micro_vertex(field, j0, k0),
-            self.micro_vertex(field, j1, k1),
-            self.micro_vertex(field, j2, k2),
-        ]
+        // A loop, so that the code of a micro-vertex stands in a kernel once and not three times.
+        let mut corners = [MicroVertex::default(); 3];
+        let mut e = 0;
+        while e < 3 {
+            let (j, k) = cell.vertex(e);
+            corners[e as usize] = self.micro_vertex(field, j, k);
+            e += 1;
+        }
+        corners
     }
 
     /// The nearer of `nearest` and the ray's hit on the micro-triangle (a, b, c) of `cell`.
