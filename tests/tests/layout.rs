@@ -310,15 +310,6 @@ fn entry_points_have_the_workgroups_of_the_interface() {
     assert_eq!(workgroups, [("probe", batch), ("render", tile), ("resolve", tile), ("trace_rays", batch)]);
 }
 
-#[test]
-fn structs_have_no_hidden_padding() {
-    for (number, host) in host_buffers() {
-        let end = host.numbers.last().unwrap().offset + size_of::<u32>();
-        assert_eq!(host.numbers.len() * size_of::<u32>(), end, "binding {number}");
-        assert_eq!(host.stride.unwrap_or(end), end, "binding {number}");
-    }
-}
-
 /// Changes every decoration for which `change` returns another value.
 fn changed(mut module: Module, change: impl Fn(&[Operand]) -> Option<u32>) -> Module {
     for annotation in &mut module.annotations {

@@ -16,7 +16,6 @@ pub struct Manifest {
     /// Size of the module in bytes.
     pub size_bytes: usize,
     /// What the module itself says.
-    #[serde(flatten)]
     pub contents: Contents,
 }
 
@@ -53,5 +52,41 @@ impl Manifest {
     /// The text that is committed.
     pub fn to_json(&self) -> serde_json::Result<String> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::module::EntryPoint;
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let manifest = Manifest {
+            source_hash: "sha256:00".into(),
+            rust_gpu: "0.10.0".into(),
+            target: "spirv-unknown-vulkan1.2".into(),
+            size_bytes: 20,
+            contents: Contents {
+                entry_points: [("render".into(), EntryPoint { workgroup: [8, 8, 1] })].into(),
+                spec_constants: [(7, 2)].into(),
+                bindings: [0, 9].into(),
+            },
+        };
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), manifest.to_json().unwrap()).unwrap();
+        assert_eq!(Manifest::read(file.path()).unwrap(), manifest);
+    }
+
+    #[test]
+    fn errors_name_file_line_and_remedy() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "{\n1").unwrap();
+        let message = Manifest::read(file.path()).unwrap_err().to_string();
+        let name = file.path().to_str().unwrap();
+        assert!(
+            message.contains(name) && message.contains("line 2") && message.contains(crate::REMEDY),
+            "{message}"
+        );
     }
 }
