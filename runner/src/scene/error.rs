@@ -121,7 +121,9 @@ pub enum ObjProblem {
     #[error("this face has no corners; check the export")]
     NoCorners,
     /// A corner of a face is not of the form `vertex/texture/normal`.
-    #[error("`{corner}` is no corner of a face; write it as vertex/texture or vertex/texture/normal, in whole numbers")]
+    #[error(
+        "`{corner}` is no corner of a face; write it as vertex/texture or vertex/texture/normal, in whole numbers"
+    )]
     Corner {
         /// What stands there.
         corner: String,

@@ -4,6 +4,7 @@ pub mod builtin;
 pub mod error;
 pub mod image;
 mod mesh;
+mod noise;
 pub mod obj;
 
 use emboss_kernels::interface::{Triangle, Vertex};
