@@ -113,7 +113,7 @@ mod tests {
             assert!(scene.view.is_normalized() && !scene.lights.is_empty(), "{name}");
             let (min, max) = scene.height.range;
             assert!(
-                0.0 <= min && min < 0.1 && max > 0.9 && max <= 1.0,
+                (0.0..0.1).contains(&min) && (0.9..=1.0).contains(&max),
                 "{name} uses {min} to {max}"
             );
             for vertex in &scene.mesh.vertices {
