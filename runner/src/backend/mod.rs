@@ -91,13 +91,21 @@ pub enum BackendError {
         remedy: &'static str,
     },
     /// The device stopped answering.
-    #[error("{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help")]
+    #[error(
+        "{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help"
+    )]
     DeviceLost {
         /// The device.
         device: String,
         /// What it was doing.
         what: &'static str,
     },
+    /// The validation layers were asked for and are not installed.
+    #[error(
+        "the Vulkan validation layers are not installed; install them (on Debian the package \
+         vulkan-validationlayers), or leave out --validate"
+    )]
+    NoValidation,
     /// Memory could not be had.
     #[error("no memory for {name} ({bytes} bytes): {reason}")]
     Allocation {
