@@ -339,7 +339,7 @@ fn auto_never_takes_a_software_device() {
 }
 
 #[test]
-fn devices_lists_lavapipe_as_software_and_last() {
+fn devices_lists_lavapipe_as_software() {
     let devices = devices().unwrap();
     let lavapipe = devices.iter().find(|device| device.name.contains("llvmpipe"));
     let lavapipe = lavapipe.expect("`cargo xtask test` installs lavapipe");
@@ -351,7 +351,6 @@ fn devices_lists_lavapipe_as_software_and_last() {
         lavapipe.details.contains("Vulkan 1.") && lavapipe.details.contains("Mesa"),
         "{lavapipe:?}"
     );
-    assert!(devices.is_sorted_by_key(|device| device.kind), "{devices:?}");
 }
 
 #[test]

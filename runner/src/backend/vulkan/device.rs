@@ -188,3 +188,81 @@ impl<H: Destroy> Drop for Owned<H> {
         unsafe { self.raw.destroy(self.device.raw()) };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Selection, physical};
+    use super::*;
+
+    fn validated_lavapipe() -> Arc<Device> {
+        let needs = "needs lavapipe and the validation layers, which `cargo xtask test` installs";
+        let instance = Arc::new(Instance::new(true).expect(needs));
+        let mut found = physical::enumerate(&instance).expect(needs);
+        let infos: Vec<_> = found.iter().map(|device| &device.info).collect();
+        let index = physical::choose(&infos, &Selection::Named("llvmpipe".to_owned())).expect(needs);
+        Device::new(instance, found.swap_remove(index)).expect(needs)
+    }
+
+    /// What every test on lavapipe relies on: the silence of the layers means something.
+    #[test]
+    fn leaked_handle_is_reported_when_the_device_is_dropped() {
+        let device = validated_lavapipe();
+        let log = device.instance().log().clone();
+        // SAFETY: the device lives.
+        let made = unsafe { device.raw().create_fence(&vk::FenceCreateInfo::default(), None) };
+        let fence = Owned::new(&device, "creating a fence", made).unwrap();
+        // The device's `Arc` must not be leaked with the fence.
+        let leaked = fence.raw();
+        std::mem::forget(fence);
+        // SAFETY: the forgotten fence held one of the counts.
+        unsafe { Arc::decrement_strong_count(Arc::as_ptr(&device)) };
+        assert!(log.messages().is_empty(), "{:?}", log.messages());
+        drop(device);
+        let messages = log.messages();
+        assert!(
+            messages.iter().any(|message| message.contains("VkFence")),
+            "{leaked:?}: {messages:?}"
+        );
+    }
+
+    #[test]
+    fn broken_rule_is_reported_at_once() {
+        let device = validated_lavapipe();
+        let info = vk::BufferCreateInfo::default()
+            .size(0)
+            .usage(vk::BufferUsageFlags::STORAGE_BUFFER);
+        // SAFETY: none: a buffer of size 0 breaks a rule, on purpose; the layers keep it from the driver.
+        let made = unsafe { device.raw().create_buffer(&info, None) };
+        let _made = made.map(|raw| Owned::new(&device, "creating a buffer", Ok(raw)));
+        let messages = device.instance().log().messages();
+        assert!(
+            messages
+                .iter()
+                .any(|message| message.contains("VUID-VkBufferCreateInfo-size")),
+            "{messages:?}"
+        );
+    }
+
+    #[test]
+    fn lost_device_is_told_from_other_errors() {
+        let device = validated_lavapipe();
+        let lost = device
+            .error("rendering", vk::Result::ERROR_DEVICE_LOST)
+            .to_string();
+        assert!(
+            lost.contains("llvmpipe") && lost.contains("was lost while rendering"),
+            "{lost}"
+        );
+        let other = device.error("rendering", vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+        assert!(
+            matches!(
+                other,
+                BackendError::Vulkan {
+                    what: "rendering",
+                    ..
+                }
+            ),
+            "{other}"
+        );
+    }
+}

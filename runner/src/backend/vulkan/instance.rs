@@ -116,6 +116,10 @@ fn require_validation_layer(entry: &ash::Entry) -> Result<(), BackendError> {
             what: "listing the layers",
             source,
         })?;
+    find_validation_layer(&layers)
+}
+
+fn find_validation_layer(layers: &[vk::LayerProperties]) -> Result<(), BackendError> {
     if layers
         .iter()
         .any(|layer| layer.layer_name_as_c_str() == Ok(validation::LAYER))
@@ -193,6 +197,19 @@ mod tests {
         assert!(matches!(error, BackendError::NoDevice { .. }), "{error}");
         assert!(error.to_string().contains("no-such-vulkan-loader.so"), "{error}");
         assert!(error.to_string().contains("--backend cpu"), "{error}");
+    }
+
+    #[test]
+    fn missing_layer_names_the_package_to_install() {
+        let other = vk::LayerProperties::default()
+            .layer_name(c"VK_LAYER_MESA_overlay")
+            .unwrap();
+        let wanted = vk::LayerProperties::default()
+            .layer_name(validation::LAYER)
+            .unwrap();
+        let message = find_validation_layer(&[other]).unwrap_err().to_string();
+        assert!(message.contains("vulkan-validationlayers"), "{message}");
+        assert!(find_validation_layer(&[other, wanted]).is_ok());
     }
 
     #[test]

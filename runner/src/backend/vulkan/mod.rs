@@ -62,8 +62,7 @@ pub enum Selection {
     Named(String),
 }
 
-/// Every Vulkan device that fits, in the order in which [`Selection::Auto`] prefers them; software devices last.
-/// Empty where drivers are installed and none offers a device that fits.
+/// Every Vulkan device that fits, in the loader's order. Empty where drivers are installed and none offers a device that fits.
 ///
 /// # Errors
 /// [`BackendError::NoDevice`] where there is no loader or no driver.

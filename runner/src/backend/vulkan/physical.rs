@@ -40,7 +40,7 @@ impl Limits {
     }
 }
 
-/// Every device that fits, best kind first; equal kinds stay in the driver's order. What does not fit is logged.
+/// Every device that fits, in the loader's order. What does not fit is logged.
 pub(super) fn enumerate(instance: &Instance) -> Result<Vec<PhysicalDevice>, BackendError> {
     // SAFETY: the instance lives through the call.
     let all =
@@ -48,17 +48,15 @@ pub(super) fn enumerate(instance: &Instance) -> Result<Vec<PhysicalDevice>, Back
             what: "listing the devices",
             source,
         })?;
-    let mut fitting: Vec<_> = all.into_iter().filter_map(|raw| examine(instance, raw)).collect();
-    fitting.sort_by_key(|device| device.info.kind);
-    Ok(fitting)
+    Ok(all.into_iter().filter_map(|raw| examine(instance, raw)).collect())
 }
 
 /// Index of the device that `selection` means, in a list as `enumerate` gives it.
 pub(super) fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<usize, BackendError> {
     let found = match selection {
-        Selection::Auto => devices
-            .iter()
-            .position(|device| device.kind < DeviceKind::Software),
+        Selection::Auto => (0..devices.len())
+            .filter(|&index| devices[index].kind < DeviceKind::Software)
+            .min_by_key(|&index| devices[index].kind),
         Selection::Named(wanted) => wanted
             .parse::<usize>()
             .ok()
@@ -235,14 +233,17 @@ mod tests {
     }
 
     #[test]
-    fn auto_takes_the_first_hardware_device() {
-        let (card, chip) = (
-            device("Card", DeviceKind::Discrete),
-            device("Chip", DeviceKind::Integrated),
-        );
+    fn auto_prefers_discrete_then_integrated_then_virtual_then_the_first() {
         let software = device("llvmpipe", DeviceKind::Software);
-        assert_eq!(choose(&[&card, &chip, &software], &Selection::Auto).unwrap(), 0);
-        assert_eq!(choose(&[&chip, &software], &Selection::Auto).unwrap(), 0);
+        let share = device("Share", DeviceKind::Virtual);
+        let chip = device("Chip", DeviceKind::Integrated);
+        let card = device("Card", DeviceKind::Discrete);
+        assert_eq!(
+            choose(&[&software, &share, &chip, &card, &card], &Selection::Auto).unwrap(),
+            3
+        );
+        assert_eq!(choose(&[&software, &share, &chip], &Selection::Auto).unwrap(), 2);
+        assert_eq!(choose(&[&software, &share], &Selection::Auto).unwrap(), 1);
     }
 
     #[test]
