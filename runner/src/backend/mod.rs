@@ -91,7 +91,9 @@ pub enum BackendError {
         remedy: &'static str,
     },
     /// The device stopped answering.
-    #[error("{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help")]
+    #[error(
+        "{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help"
+    )]
     DeviceLost {
         /// The device.
         device: String,
