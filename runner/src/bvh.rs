@@ -443,7 +443,7 @@ mod tests {
         let boxes: Vec<Aabb> = (0..1000).map(|i| point(i as f32)).collect();
         // As even as bins allow: 16 bins of 62 or 63 points, halved.
         assert_eq!(built(&boxes).depth, 10);
-        built(&vec![point(1.0); 3]);
+        built(&[point(1.0); 3]);
     }
 
     #[test]

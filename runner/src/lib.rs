@@ -2,4 +2,6 @@
 
 pub mod backend;
 pub mod bvh;
+pub mod framing;
+pub mod picture;
 pub mod scene;
