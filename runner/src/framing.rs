@@ -1,11 +1,18 @@
 //! Where the camera and the light stand when the user does not say.
 
+use crate::bvh::Aabb;
 use emboss_kernels::interface::{Camera, PointLight};
 use glam::{DVec3, Vec3};
 use std::f32::consts::PI;
 
 /// The share of the film that the framed model fills along its longer side.
 const FILLED: f64 = 0.92;
+
+/// The box of an empty model.
+const NOTHING: Aabb = Aabb {
+    min: Vec3::ZERO,
+    max: Vec3::ZERO,
+};
 
 /// What the user asked of the view; the rest is chosen so that the whole model is in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,10 +81,10 @@ pub struct Framing {
     pub target: Vec3,
 }
 
-/// The camera of a view onto a model that `points` enclose, on a film `aspect` times as wide as high. Without
-/// points it looks at the origin.
-pub fn frame(view: &View, points: &[Vec3], aspect: f64) -> Result<Framing, FramingError> {
-    let (min, max) = bounds(points);
+/// The camera of a view onto a model that lies in `boxes`, on a film `aspect` times as wide as high. Without boxes
+/// it looks at the origin. Many small boxes around the parts of a model fit closer than one around all of it.
+pub fn frame(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, FramingError> {
+    let Aabb { min, max } = boxes.iter().copied().reduce(Aabb::union).unwrap_or(NOTHING);
     let center = (min.as_dvec3() + max.as_dvec3()) * 0.5;
     let forward = match (view.eye, view.target) {
         (Some(eye), target) => {
@@ -99,9 +106,9 @@ pub fn frame(view: &View, points: &[Vec3], aspect: f64) -> Result<Framing, Frami
     };
     let eye = match (view.eye, view.target) {
         (Some(eye), _) => eye.as_dvec3(),
-        (None, None) => center + axes.fit(points, center),
+        (None, None) => center + axes.fit(boxes, center),
         // The distance of the fit, but with the target in the middle.
-        (None, Some(target)) => target.as_dvec3() + forward * axes.fit(points, center).dot(forward),
+        (None, Some(target)) => target.as_dvec3() + forward * axes.fit(boxes, center).dot(forward),
     };
     let target = view
         .target
@@ -156,18 +163,18 @@ struct Axes {
 }
 
 impl Axes {
-    /// Where the eye has to be, relative to `center`, for all points to be in the picture, as near as possible.
+    /// Where the eye has to be, relative to `center`, for all corners of the boxes to be in the picture, as near as possible.
     ///
-    /// With a point's coordinates (x, y, z) along the axes and the eye's (a, b, c), the point is left of the right
+    /// With a corner's coordinates (x, y, z) along the axes and the eye's (a, b, c), the point is left of the right
     /// edge where x - a <= t (z - c), t the half width: a - t c >= x - t z. The greatest right sides of this and of
     /// the left edge's condition, R and L, give c = -(R + L) / 2t, a = (R - L) / 2. Likewise y; the farther eye wins,
     /// and along the other axis the middle between the edges is taken, which is the same formula.
-    fn fit(&self, points: &[Vec3], center: DVec3) -> DVec3 {
+    fn fit(&self, boxes: &[Aabb], center: DVec3) -> DVec3 {
         let (tx, ty) = (self.half_width * FILLED, self.half_height * FILLED);
         // Right, left, upper, lower edge.
         let mut edges = [f64::NEG_INFINITY; 4];
-        for point in points {
-            let p = point.as_dvec3() - center;
+        for corner in boxes.iter().flat_map(|b| b.corners()) {
+            let p = corner.as_dvec3() - center;
             let (x, y, z) = (p.dot(self.right), p.dot(self.up), p.dot(self.forward));
             let needed = [x - tx * z, -x - tx * z, y - ty * z, -y - ty * z];
             edges
@@ -175,7 +182,7 @@ impl Axes {
                 .zip(needed)
                 .for_each(|(edge, needed)| *edge = edge.max(needed));
         }
-        let [r, l, u, d] = if points.is_empty() { [1.0; 4] } else { edges };
+        let [r, l, u, d] = if boxes.is_empty() { [1.0; 4] } else { edges };
         let depth = (-(r + l) / (2.0 * tx)).min(-(u + d) / (2.0 * ty));
         // A single point would put the eye upon it.
         let depth = if depth < 0.0 { depth } else { -1.0 };
@@ -209,27 +216,15 @@ fn screen_axes(forward: DVec3, up: Option<Vec3>) -> Result<(DVec3, DVec3), Frami
     Ok((right, right.cross(forward)))
 }
 
-/// The box around points; the origin without any.
-fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
-    let all = points
-        .iter()
-        .copied()
-        .map(|p| (p, p))
-        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-    all.unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::Aabb;
 
-    fn cube() -> [Vec3; 8] {
-        Aabb {
+    fn cube() -> [Aabb; 1] {
+        [Aabb {
             min: Vec3::new(1.0, 2.0, 3.0),
             max: Vec3::new(2.0, 4.0, 6.0),
-        }
-        .corners()
+        }]
     }
 
     /// Film coordinates in [-1,1] of a point; behind the camera they are NaN.
@@ -262,7 +257,7 @@ mod tests {
                 aspect,
             )
             .expect("framed");
-            let film = cube().map(|p| projected(&framing.camera, p));
+            let film = cube()[0].corners().map(|p| projected(&framing.camera, p));
             let max = |f: fn(&(f32, f32)) -> f32| film.iter().map(f).fold(f32::MIN, f32::max);
             let reach = [max(|p| p.0), max(|p| -p.0), max(|p| p.1), max(|p| -p.1)];
             let filled = FILLED as f32;
@@ -346,7 +341,10 @@ mod tests {
             frame(&view, &cube(), 1.0),
             Err(FramingError::EyeAtTarget(Vec3::ONE))
         );
-        let huge = Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) }.corners();
+        let huge = [Aabb {
+            min: Vec3::splat(-f32::MAX),
+            max: Vec3::splat(f32::MAX),
+        }];
         assert!(matches!(
             frame(&View::default(), &huge, 1.0),
             Err(FramingError::TooLarge { .. })
@@ -355,8 +353,12 @@ mod tests {
 
     #[test]
     fn nothing_and_a_single_point_are_looked_at() {
-        for points in [&[][..], &[Vec3::ONE][..]] {
-            let framing = frame(&View::default(), points, 1.0).expect("framed");
+        let point = [Aabb {
+            min: Vec3::ONE,
+            max: Vec3::ONE,
+        }];
+        for boxes in [&[][..], &point] {
+            let framing = frame(&View::default(), boxes, 1.0).expect("framed");
             assert!(framing.camera.eye.distance(framing.target) > 0.1);
         }
     }
