@@ -12,7 +12,10 @@ pub fn at<T: Copy>(buffer: &[T], i: u32) -> T {
         buffer[i as usize]
     }
     #[cfg(target_arch = "spirv")]
-    #[expect(unsafe_code, reason = "unchecked load; the CPU build of the same source checks the index")]
+    #[expect(
+        unsafe_code,
+        reason = "unchecked load; the CPU build of the same source checks the index"
+    )]
     // SAFETY: the CPU build of the same source checks this index, and the parity tests run both on the same input.
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked(buffer, i as usize)
@@ -35,7 +38,10 @@ pub fn put<T: Copy>(buffer: &mut [T], i: u32, value: T) {
         buffer[i as usize] = value;
     }
     #[cfg(target_arch = "spirv")]
-    #[expect(unsafe_code, reason = "unchecked store; the CPU build of the same source checks the index")]
+    #[expect(
+        unsafe_code,
+        reason = "unchecked store; the CPU build of the same source checks the index"
+    )]
     // SAFETY: as in `at`.
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked_mut(buffer, i as usize) = value;
@@ -67,6 +73,8 @@ fn add_atomically(word: &mut u32, value: u32) -> u32 {
     // SAFETY: every access to the counters goes through this function.
     unsafe {
         use spirv_std::memory::{Scope, Semantics};
-        spirv_std::arch::atomic_i_add::<u32, { Scope::QueueFamily as u32 }, { Semantics::NONE.bits() }>(word, value)
+        spirv_std::arch::atomic_i_add::<u32, { Scope::QueueFamily as u32 }, { Semantics::NONE.bits() }>(
+            word, value,
+        )
     }
 }

@@ -26,17 +26,19 @@ pub fn sample_pixel(
     let direction = frame.camera.ray_direction(film);
     counts.primary_rays += 1;
     let _ = features;
-    Sample { radiance: direction * 0.5 + Vec3::splat(0.5), alpha: 1.0 }
+    Sample {
+        radiance: direction * 0.5 + Vec3::splat(0.5),
+        alpha: 1.0,
+    }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.
 #[inline]
-pub fn trace_ray(
-    _scene: &SceneView<'_>,
-    _features: Features,
-    ray: Ray,
-    counts: &mut Counts,
-) -> Intersection {
+pub fn trace_ray(_scene: &SceneView<'_>, _features: Features, ray: Ray, counts: &mut Counts) -> Intersection {
     counts.primary_rays += 1;
-    Intersection { t: ray.t_max, primitive: MISS, ..Intersection::default() }
+    Intersection {
+        t: ray.t_max,
+        primitive: MISS,
+        ..Intersection::default()
+    }
 }

@@ -1,11 +1,16 @@
 //! Scenes: meshes, maps and where they come from.
 
 pub mod builtin;
+pub mod error;
 pub mod image;
+mod mesh;
+mod noise;
 pub mod obj;
 
 use emboss_kernels::interface::{Triangle, Vertex};
 use std::path::PathBuf;
+
+pub use error::SceneError;
 
 /// A base mesh in the layout of the kernels.
 #[derive(Clone, Debug, Default)]

@@ -1,0 +1,252 @@
+//! `builtin:knot`: a trefoil knot grown over with pebbles, the scene that shows what the program is for.
+
+use super::{BuiltinScene, light};
+use crate::scene::noise::{Cell, Lattice, lerp, mix, smoothstep, unit};
+use crate::scene::{ColorMap, HeightMap, Mesh, image::per_texel};
+use emboss_kernels::interface::Vertex;
+use glam::{DQuat, DVec3, Vec2, Vec3};
+use std::f64::consts::TAU;
+
+/// Cross-sections of the tube.
+const SECTIONS: u32 = 104;
+/// Vertices of a cross-section; with as many sections the quads are about square.
+const SIDES: u32 = 12;
+/// Radius of the tube.
+const TUBE: f64 = 0.3;
+/// Radius of the circle round which the knot's torus runs.
+const TORUS: f64 = 1.12;
+/// Radius of the knot's torus: strands pass each other at twice this, which leaves room for their relief.
+const WINDING: f64 = 0.5;
+
+/// Texels along the tube: nine times those around it, as the tube's length is to its circumference.
+const MAP_WIDTH: u32 = 9 * MAP_HEIGHT;
+/// Texels around the tube.
+const MAP_HEIGHT: u32 = 448;
+/// Map coordinates of the patterns: cells along and around the tube, of the same size in both directions.
+const CELLS: Vec2 = Vec2::new(9.0, 1.0);
+
+/// A trefoil knot of about 2,500 triangles whose maps run once along the tube and once around it.
+pub(super) fn scene() -> BuiltinScene {
+    let texels = per_texel(MAP_WIDTH, MAP_HEIGHT, |u, v| texel(Vec2::new(u, v)));
+    BuiltinScene {
+        mesh: mesh(),
+        height: HeightMap::from_unit(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.0)),
+        color: Some(ColorMap::from_linear(
+            MAP_WIDTH,
+            MAP_HEIGHT,
+            texels.iter().map(|t| t.1),
+        )),
+        zero: 0.5,
+        scale: 0.16,
+        subdivisions: 64,
+        view: Vec3::new(0.1, -0.35, 1.0).normalize(),
+        up: Vec3::Y,
+        lights: vec![
+            light(Vec3::new(-3.5, 4.5, 5.0), 1.0, Vec3::new(1.0, 0.95, 0.86)),
+            light(Vec3::new(5.0, -1.0, 2.5), 0.3, Vec3::new(0.6, 0.75, 1.0)),
+        ],
+    }
+}
+
+/// The tube: sections at equal distances along the knot, in frames that turn as little as they can.
+fn mesh() -> Mesh {
+    let sections = sections();
+    let mut vertices = Vec::new();
+    for i in 0..=SECTIONS {
+        let section = &sections[(i % SECTIONS) as usize];
+        vertices.extend((0..=SIDES).map(|j| {
+            // The last vertex of a section, and the last section, are the first again but for their coordinates.
+            let normal = section.direction(f64::from(j % SIDES) / f64::from(SIDES));
+            Vertex {
+                position: (section.center + TUBE * normal).as_vec3(),
+                u: i as f32 / SECTIONS as f32,
+                normal: normal.as_vec3(),
+                v: j as f32 / SIDES as f32,
+            }
+        }));
+    }
+    let triangles: Vec<[u32; 3]> = (0..SECTIONS)
+        .flat_map(|i| (0..SIDES).map(move |j| i * (SIDES + 1) + j))
+        .flat_map(|a| {
+            let (b, c, d) = (a + SIDES + 1, a + SIDES + 2, a + 1);
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    Mesh::from_triangles(&vertices, &triangles)
+}
+
+/// A cross-section of the tube.
+struct Section {
+    center: DVec3,
+    tangent: DVec3,
+    /// Where v = 0 is, perpendicular to the tangent.
+    side: DVec3,
+}
+
+impl Section {
+    /// The outward direction at a share of the way around.
+    fn direction(&self, v: f64) -> DVec3 {
+        let (sin, cos) = (TAU * v).sin_cos();
+        self.side * cos + self.side.cross(self.tangent) * sin
+    }
+
+    /// The section with its side turned about the tangent.
+    fn turned(self, angle: f64) -> Self {
+        Self {
+            side: DQuat::from_axis_angle(self.tangent, angle) * self.side,
+            ..self
+        }
+    }
+
+    /// The section at another centre and tangent whose side turns least on the way: the double reflection of
+    /// Wang, Jüttler, Zheng and Liu 2008.
+    fn carried(&self, center: DVec3, tangent: DVec3) -> Self {
+        let step = (center - self.center).normalize();
+        let reflected = |v: DVec3, n: DVec3| v - 2.0 * v.dot(n) * n;
+        let half = (tangent - reflected(self.tangent, step)).normalize();
+        Self {
+            center,
+            tangent,
+            side: reflected(reflected(self.side, step), half),
+        }
+    }
+}
+
+/// The sections, at equal distances. The turn by which the last frame misses the first is shared out evenly.
+fn sections() -> Vec<Section> {
+    let parameters = equidistant_parameters();
+    let start = curve(0.0);
+    let tangent = curve_tangent(0.0);
+    let mut sections = vec![Section {
+        center: start,
+        tangent,
+        side: tangent.any_orthonormal_vector(),
+    }];
+    for &t in &parameters[1..] {
+        let next = sections[sections.len() - 1].carried(curve(t), curve_tangent(t));
+        sections.push(next);
+    }
+    let back = sections[sections.len() - 1].carried(start, tangent);
+    let miss = back
+        .side
+        .cross(sections[0].side)
+        .dot(tangent)
+        .atan2(back.side.dot(sections[0].side));
+    let share = miss / f64::from(SECTIONS);
+    sections
+        .into_iter()
+        .zip(0..)
+        .map(|(section, i)| section.turned(share * f64::from(i)))
+        .collect()
+}
+
+/// The knot's point at a parameter of period 1: twice about the axis, three times about the torus.
+fn curve(t: f64) -> DVec3 {
+    let (sin2, cos2) = (2.0 * TAU * t).sin_cos();
+    let (sin3, cos3) = (3.0 * TAU * t).sin_cos();
+    let radius = TORUS + WINDING * cos3;
+    DVec3::new(radius * cos2, radius * sin2, WINDING * sin3)
+}
+
+/// The knot's unit tangent.
+fn curve_tangent(t: f64) -> DVec3 {
+    const STEP: f64 = 1e-5;
+    (curve(t + STEP) - curve(t - STEP)).normalize()
+}
+
+/// Parameters of [`SECTIONS`] points at equal distances along the knot, from 0.
+fn equidistant_parameters() -> Vec<f64> {
+    const PIECES: u32 = 8192;
+    let parameter = |i: u32| f64::from(i) / f64::from(PIECES);
+    let mut lengths = vec![0.0];
+    for i in 0..PIECES {
+        lengths.push(lengths[i as usize] + curve(parameter(i)).distance(curve(parameter(i + 1))));
+    }
+    let total = lengths[PIECES as usize];
+    let parameter_at = |length: f64| {
+        let i = lengths.partition_point(|&l| l <= length) - 1;
+        (i as f64 + (length - lengths[i]) / (lengths[i + 1] - lengths[i])) / f64::from(PIECES)
+    };
+    (0..SECTIONS)
+        .map(|i| parameter_at(total * f64::from(i) / f64::from(SECTIONS)))
+        .collect()
+}
+
+/// The pattern at a point of the map with `scale` cells around the tube.
+fn at_scale(uv: Vec2, scale: i32, seed: u32) -> (Lattice, Vec2) {
+    let lattice = Lattice::new(9 * scale, scale, seed);
+    (lattice, uv * CELLS * scale as f32)
+}
+
+/// Fractal noise with `scale` features around the tube.
+fn fractal(uv: Vec2, scale: i32, octaves: u32, seed: u32) -> f32 {
+    let (lattice, p) = at_scale(uv, scale, seed);
+    lattice.fractal(p, octaves)
+}
+
+/// Height and linear colour at a point of the map.
+fn texel(uv: Vec2) -> (f32, Vec3) {
+    // Bend the map a little, so that no pebble's side is straight.
+    let bend = Vec2::new(fractal(uv, 6, 2, 21), fractal(uv, 6, 2, 22));
+    let bent = uv + 0.035 * bend / CELLS;
+    let large = pebble(bent, 7, 1);
+    let small = pebble(bent, 19, 2);
+    let rough = fractal(uv, 24, 4, 5);
+
+    let gap = 1.0 - smoothstep(0.0, 0.55, large.dome);
+    let height = 0.1 + 0.74 * large.dome * large.size + 0.2 * gap * small.dome * small.size + 0.035 * rough;
+    (height.clamp(0.0, 1.0), color(uv, &large, &small, gap, rough))
+}
+
+/// A pebble of a cellular pattern.
+struct Pebble {
+    /// Its profile, 0 at its border to 1 on top.
+    dome: f32,
+    /// Its own height, to be multiplied with the profile.
+    size: f32,
+    /// A random number of its own, in [0,1).
+    tone: f32,
+}
+
+/// The pebble at a point, `scale` of them around the tube.
+fn pebble(uv: Vec2, scale: i32, seed: u32) -> Pebble {
+    let (lattice, p) = at_scale(uv, scale, seed);
+    let Cell { border, offset, id } = lattice.cellular(p);
+    let rise = (border / 0.34).min(1.0);
+    let round = (1.0 - (1.0 - rise).powi(2)).sqrt();
+    // Domes stay round on top of where the border is far.
+    let crown = 1.0 - 0.35 * offset.length_squared();
+    Pebble {
+        dome: round * crown.max(0.0),
+        size: lerp(0.62, 1.0, unit(mix(id ^ 0x9e37))),
+        tone: unit(mix(id ^ 0x51ed)),
+    }
+}
+
+/// The linear colour: bands of teal, jade and sand along the tube, each pebble in its own tone, dark between them.
+fn color(uv: Vec2, large: &Pebble, small: &Pebble, gap: f32, rough: f32) -> Vec3 {
+    let drift = 0.5 + 0.55 * fractal(uv, 2, 2, 31) + 0.3 * (large.tone - 0.5);
+    let stone = palette(drift.clamp(0.0, 1.0)) * (0.8 + 0.4 * large.tone);
+    let crest = smoothstep(0.35, 1.0, large.dome * large.size);
+    let stone = stone * lerp(0.55, 1.15, crest) + Vec3::splat(0.05) * crest * crest;
+    let crevice =
+        Vec3::new(0.012, 0.016, 0.022).lerp(Vec3::new(0.36, 0.1, 0.045), smoothstep(0.3, 0.9, small.dome));
+    stone.lerp(crevice, smoothstep(0.25, 0.95, gap)) * (1.0 + 0.22 * rough)
+}
+
+/// A walk through the knot's colours, in linear light.
+fn palette(t: f32) -> Vec3 {
+    let stops = [
+        Vec3::new(0.008, 0.075, 0.115),
+        Vec3::new(0.012, 0.2, 0.2),
+        Vec3::new(0.1, 0.32, 0.2),
+        Vec3::new(0.5, 0.42, 0.2),
+        Vec3::new(0.62, 0.26, 0.12),
+    ];
+    let x = t * (stops.len() - 1) as f32;
+    let mut color = stops[0];
+    for (i, &stop) in stops.iter().enumerate().skip(1) {
+        color = color.lerp(stop, smoothstep(0.0, 1.0, x - (i - 1) as f32));
+    }
+    color
+}

@@ -1,0 +1,195 @@
+//! What can be wrong with a scene's files: each message names the file, the line where there is one, and a remedy.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// A model or a map that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The file is missing or may not be read.
+    #[error("{}: cannot be read: {source}; check the path and its permissions", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system answered.
+        source: io::Error,
+    },
+    /// A model is not text.
+    #[error("{}:{line}: not UTF-8 text; save the model as UTF-8, and check that it is an OBJ file", path.display())]
+    NotUtf8 {
+        /// The model.
+        path: PathBuf,
+        /// The line of the first byte that is not UTF-8, from 1.
+        line: usize,
+    },
+    /// A line of a model is wrong.
+    #[error("{}:{line}: {problem}", path.display())]
+    Obj {
+        /// The model.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with it.
+        problem: ObjProblem,
+    },
+    /// A model has no face.
+    #[error("{}: has no faces; export the mesh with its polygons, and check that it is an OBJ file", path.display())]
+    NoFaces {
+        /// The model.
+        path: PathBuf,
+    },
+    /// A model has faces, but none with an area.
+    #[error("{}: each of its {dropped} triangles has zero area; check the scale of the export", path.display())]
+    NoArea {
+        /// The model.
+        path: PathBuf,
+        /// How many triangles there are.
+        dropped: usize,
+    },
+    /// The OBJ reader refused what this module's own checks let pass.
+    #[error("{}: cannot be read as OBJ: {source}; check the export", path.display())]
+    Tobj {
+        /// The model.
+        path: PathBuf,
+        /// What the reader said.
+        source: tobj::LoadError,
+    },
+    /// A map is not an image, or of a format that is not read.
+    #[error("{}: not an image that can be read; use PNG, JPEG, BMP, GIF, TIFF, EXR or HDR", path.display())]
+    NotAnImage {
+        /// The map.
+        path: PathBuf,
+    },
+    /// A map is damaged, or of a variety of its format that is not read.
+    #[error("{}: cannot be decoded: {source}; open it in an image editor and save it anew", path.display())]
+    Decode {
+        /// The map.
+        path: PathBuf,
+        /// What the decoder said.
+        source: ::image::ImageError,
+    },
+    /// A map has no texels.
+    #[error("{}: has no texels ({width}x{height}); use a map of at least 1x1", path.display())]
+    NoTexels {
+        /// The map.
+        path: PathBuf,
+        /// Texels of a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A map is larger than the kernels can address.
+    #[error("{}: {width}x{height} texels are too many; scale it down to at most {limit}x{limit}", path.display())]
+    TooManyTexels {
+        /// The map.
+        path: PathBuf,
+        /// Texels of a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The greatest width and height.
+        limit: u32,
+    },
+}
+
+/// What is wrong with a line of an OBJ file, and what to do about it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ObjProblem {
+    /// A number is missing or is none.
+    #[error("a {element} needs {needed} numbers, but here stands `{found}`; check the export")]
+    Numbers {
+        /// What the line defines.
+        element: Element,
+        /// How many numbers it needs at least.
+        needed: usize,
+        /// What stands after the keyword.
+        found: String,
+    },
+    /// A vertex has the homogeneous weight 0.
+    #[error("this vertex has the weight 0, so that it lies at infinity; leave the fourth number out")]
+    ZeroWeight,
+    /// A number is NaN or infinite.
+    #[error("this {element} is NaN or infinite; repair the mesh before exporting it")]
+    NotFinite {
+        /// What the line defines.
+        element: Element,
+    },
+    /// A face without corners.
+    #[error("this face has no corners; check the export")]
+    NoCorners,
+    /// A corner of a face is not of the form `vertex/texture/normal`.
+    #[error(
+        "`{corner}` is no corner of a face; write it as vertex/texture or vertex/texture/normal, in whole numbers"
+    )]
+    Corner {
+        /// What stands there.
+        corner: String,
+    },
+    /// A face uses index 0.
+    #[error("face points to {element} 0, but OBJ counts from 1; check the export")]
+    ZeroIndex {
+        /// What it points to.
+        element: Element,
+    },
+    /// A face points beyond the last element.
+    #[error("face points to {element} {index}, but the file has {}; check the export", element.count(*count))]
+    BeyondEnd {
+        /// What it points to.
+        element: Element,
+        /// Which one, from 1.
+        index: usize,
+        /// How many the file has.
+        count: usize,
+    },
+    /// A negative index counts back beyond the first element.
+    #[error("face points to {element} {index}, but only {} stand above it; check the export", element.count(*count))]
+    BeforeStart {
+        /// What it points to.
+        element: Element,
+        /// Which one: -1 is the last above the face.
+        index: isize,
+        /// How many stand above the face.
+        count: usize,
+    },
+    /// A face's corner has no texture coordinates.
+    #[error("{object} has a face without texture coordinates; unwrap its UVs and export them")]
+    NoTextureCoordinates {
+        /// The object, as "object `name`", or a word for the whole file where it names none.
+        object: String,
+    },
+}
+
+/// What a face's corner points to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Element {
+    /// A position, `v`.
+    Vertex,
+    /// Texture coordinates, `vt`.
+    TextureCoordinate,
+    /// A normal, `vn`.
+    Normal,
+}
+
+impl Element {
+    /// "1 vertex", "8 vertices".
+    fn count(self, count: usize) -> String {
+        match (self, count) {
+            (_, 1) => format!("1 {self}"),
+            (Self::Vertex, _) => format!("{count} vertices"),
+            _ => format!("{count} {self}s"),
+        }
+    }
+}
+
+impl fmt::Display for Element {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Vertex => "vertex",
+            Self::TextureCoordinate => "texture coordinate",
+            Self::Normal => "normal",
+        })
+    }
+}

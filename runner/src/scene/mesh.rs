@@ -1,0 +1,357 @@
+//! Making a [`Mesh`] out of loose triangles: welding, normals, orientation.
+
+use super::Mesh;
+use emboss_kernels::interface::{FLIPPED, Triangle, Vertex};
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+
+/// A triangle of the source with an area.
+struct Face {
+    /// Indices of its vertices, counter-clockwise seen from outside.
+    vertices: [u32; 3],
+    /// Its outward normal, twice its area long.
+    area_normal: DVec3,
+}
+
+/// A sum of area normals this small against the sum of their lengths is rounding noise of faces that cancel: f64
+/// rounds each to 2^-52 of its length, which leaves room for some four million faces at a vertex.
+const CANCELLED: f64 = 1e-9;
+
+impl Mesh {
+    /// Builds a mesh from triangles given counter-clockwise seen from outside.
+    ///
+    /// - Vertices that agree in position, normal and texture coordinates become one. All vertices at a position
+    ///   stand together, positions in order of first use: so the two triangles at an edge list its ends in the
+    ///   same order even where texture coordinates or normals are split.
+    /// - Normals are normalised; zero ones are replaced by the area-weighted mean of the normals of all faces at
+    ///   the position, whatever else splits its vertices. Where that mean vanishes (a sheet and its back), the
+    ///   first of these faces gives its normal.
+    /// - Triangles of zero area are left out and counted in [`Mesh::dropped`]. The area is computed in f64, where
+    ///   the differences and products of f32 coordinates of similar size are exact.
+    ///
+    /// Positions, normals and texture coordinates must be finite, indices within `vertices`.
+    pub fn from_triangles(vertices: &[Vertex], triangles: &[[u32; 3]]) -> Self {
+        let faces: Vec<Face> = triangles.iter().filter_map(|&t| face(vertices, t)).collect();
+        let positions = weld_positions(vertices, &faces);
+        let normals = computed_normals(&positions, &faces);
+        let mut unified = Unified::default();
+        let indices: Vec<[u32; 3]> = faces
+            .iter()
+            .map(|face| {
+                face.vertices
+                    .map(|v| unified.insert(vertices[v as usize], positions[v as usize], &normals))
+            })
+            .collect();
+        let (vertices, new_index) = unified.into_sorted();
+        Self {
+            vertices,
+            triangles: indices
+                .iter()
+                .map(|t| oriented(t.map(|v| new_index[v as usize])))
+                .collect(),
+            dropped: triangles.len() - faces.len(),
+        }
+    }
+
+    /// The corners of the mesh's box, least first; `None` where it has no vertex.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let first = self.vertices.first()?.position;
+        Some(self.vertices.iter().fold((first, first), |(min, max), v| {
+            (min.min(v.position), max.max(v.position))
+        }))
+    }
+}
+
+/// The face of a triangle, `None` where its area is zero.
+fn face(vertices: &[Vertex], triangle: [u32; 3]) -> Option<Face> {
+    let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position.as_dvec3());
+    let area_normal = (p1 - p0).cross(p2 - p0);
+    (area_normal != DVec3::ZERO).then_some(Face {
+        vertices: triangle,
+        area_normal,
+    })
+}
+
+/// For each vertex the number of its position, in order of first use by a face; vertices without a face get 0.
+fn weld_positions(vertices: &[Vertex], faces: &[Face]) -> Vec<u32> {
+    let mut numbers = HashMap::new();
+    let mut position_of = vec![0; vertices.len()];
+    for v in faces.iter().flat_map(|face| face.vertices) {
+        let next = index(numbers.len());
+        position_of[v as usize] = *numbers.entry(bits(vertices[v as usize].position)).or_insert(next);
+    }
+    position_of
+}
+
+/// The unit normal of each welded position: see [`Mesh::from_triangles`].
+fn computed_normals(position_of: &[u32], faces: &[Face]) -> Vec<Vec3> {
+    let count = faces
+        .iter()
+        .flat_map(|f| f.vertices)
+        .map(|v| position_of[v as usize] as usize + 1)
+        .max();
+    let mut sums = vec![NormalSum::default(); count.unwrap_or(0)];
+    for face in faces {
+        for v in face.vertices {
+            sums[position_of[v as usize] as usize].add(face.area_normal);
+        }
+    }
+    sums.iter().map(NormalSum::unit).collect()
+}
+
+/// The area normals of the faces at a position.
+#[derive(Clone, Copy, Default)]
+struct NormalSum {
+    /// Of the first face.
+    first: DVec3,
+    /// Of all.
+    sum: DVec3,
+    /// Sum of their lengths.
+    length: f64,
+}
+
+impl NormalSum {
+    /// Adds a face's.
+    fn add(&mut self, area_normal: DVec3) {
+        if self.length == 0.0 {
+            self.first = area_normal;
+        }
+        self.sum += area_normal;
+        self.length += area_normal.length();
+    }
+
+    /// The mean's direction, or the first face's where they cancel.
+    fn unit(&self) -> Vec3 {
+        let cancelled = self.sum.length() <= CANCELLED * self.length;
+        (if cancelled { self.first } else { self.sum })
+            .normalize_or_zero()
+            .as_vec3()
+    }
+}
+
+/// Vertices, each stored once, with the number of its position.
+#[derive(Default)]
+struct Unified {
+    index_of: HashMap<[u32; 8], u32>,
+    vertices: Vec<(u32, Vertex)>,
+}
+
+impl Unified {
+    /// The index of `vertex` with its final normal, added where it is new.
+    fn insert(&mut self, vertex: Vertex, position: u32, normals: &[Vec3]) -> u32 {
+        let given = vertex.normal.as_dvec3().normalize_or_zero().as_vec3();
+        let normal = if given == Vec3::ZERO {
+            normals[position as usize]
+        } else {
+            given
+        };
+        let vertex = Vertex { normal, ..vertex };
+        let [[x, y, z], [nx, ny, nz]] = [vertex.position, normal].map(bits);
+        let key = [x, y, z, nx, ny, nz, float_bits(vertex.u), float_bits(vertex.v)];
+        let next = index(self.vertices.len());
+        *self.index_of.entry(key).or_insert_with(|| {
+            self.vertices.push((position, vertex));
+            next
+        })
+    }
+
+    /// The vertices in order of position, and for each former index the new one.
+    fn into_sorted(self) -> (Vec<Vertex>, Vec<u32>) {
+        let mut order: Vec<u32> = (0..index(self.vertices.len())).collect();
+        order.sort_by_key(|&v| self.vertices[v as usize].0);
+        let mut new_index = vec![0; order.len()];
+        for (new, &old) in order.iter().enumerate() {
+            new_index[old as usize] = index(new);
+        }
+        (
+            order.iter().map(|&v| self.vertices[v as usize].1).collect(),
+            new_index,
+        )
+    }
+}
+
+/// The triangle with its vertices ascending, [`FLIPPED`] where that takes an odd permutation.
+fn oriented(vertices: [u32; 3]) -> Triangle {
+    let [a, b, c] = vertices;
+    let inversions = u32::from(a > b) + u32::from(a > c) + u32::from(b > c);
+    let mut ascending = vertices;
+    ascending.sort_unstable();
+    Triangle {
+        vertices: ascending,
+        flags: if inversions % 2 == 1 { FLIPPED } else { 0 },
+    }
+}
+
+/// A vector's bits, equal where its coordinates are: -0 counts as 0.
+fn bits(v: Vec3) -> [u32; 3] {
+    v.to_array().map(float_bits)
+}
+
+/// A number's bits, equal where the numbers are: -0 counts as 0.
+fn float_bits(x: f32) -> u32 {
+    (x + 0.0).to_bits()
+}
+
+/// A count of vertices as an index. Meshes come with 32-bit indices, and welding makes no new ones.
+fn index(count: usize) -> u32 {
+    u32::try_from(count).expect("a mesh has at most 2^32 - 1 vertices")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn vertex(position: [f32; 3], normal: [f32; 3], u: f32, v: f32) -> Vertex {
+        Vertex {
+            position: position.into(),
+            normal: normal.into(),
+            u,
+            v,
+        }
+    }
+
+    /// Two triangles that share the edge (1,0,0)-(0,1,0), folded along it; the second's copies of its ends have
+    /// their own texture coordinates.
+    fn fold() -> (Vec<Vertex>, Vec<[u32; 3]>) {
+        let none = [0.0; 3];
+        let vertices = vec![
+            vertex([0.0, 0.0, 0.0], none, 0.0, 0.0),
+            vertex([1.0, 0.0, 0.0], none, 1.0, 0.0),
+            vertex([0.0, 1.0, 0.0], none, 0.0, 1.0),
+            vertex([0.0, 1.0, 0.0], none, 0.5, 0.5),
+            vertex([1.0, 0.0, 0.0], none, 0.5, 0.0),
+            vertex([1.0, 1.0, -2.0], none, 1.0, 1.0),
+        ];
+        (vertices, vec![[0, 1, 2], [3, 4, 5]])
+    }
+
+    fn normal_in(mesh: &Mesh, triangle: Triangle) -> Vec3 {
+        let [p0, p1, p2] = triangle.vertices.map(|v| mesh.vertices[v as usize].position);
+        let n = (p1 - p0).cross(p2 - p0).normalize();
+        if triangle.flags & FLIPPED == 0 { n } else { -n }
+    }
+
+    #[test]
+    fn computed_normals_are_shared_across_split_texture_coordinates() {
+        let (vertices, triangles) = fold();
+        let mesh = Mesh::from_triangles(&vertices, &triangles);
+        assert_eq!(mesh.vertices.len(), 6);
+        // Cross products: (0,0,1) and (-1,0,0)x... summed by hand: (0,1,0)->(1,0,0): (1,-1,0), (0,1,0)->(1,1,-2):
+        // (1,0,-2), so the second is (2,2,1); both together (2,2,2).
+        let expected = Vec3::splat(1.0 / 3f32.sqrt());
+        for v in mesh
+            .vertices
+            .iter()
+            .filter(|v| v.position.x + v.position.y == 1.0)
+        {
+            // One rounding in f32 of a unit vector's coordinate: 2^-25; the expectation itself is off by as much.
+            assert!(v.normal.abs_diff_eq(expected, 2f32.powi(-23)), "{v:?}");
+        }
+    }
+
+    #[test]
+    fn weights_are_areas() {
+        let none = [0.0; 3];
+        // At the origin a face of area 2 looks to +z and one of area 1/2 to +x.
+        let vertices = [
+            vertex([0.0, 0.0, 0.0], none, 0.0, 0.0),
+            vertex([2.0, 0.0, 0.0], none, 0.0, 0.0),
+            vertex([0.0, 2.0, 0.0], none, 0.0, 0.0),
+            vertex([0.0, 1.0, 0.0], none, 0.0, 0.0),
+            vertex([0.0, 0.0, 1.0], none, 0.0, 0.0),
+        ];
+        let mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [0, 3, 4]]);
+        let expected = Vec3::new(1.0, 0.0, 4.0).normalize();
+        assert!(
+            mesh.vertices[0].normal.abs_diff_eq(expected, 2f32.powi(-23)),
+            "{:?}",
+            mesh.vertices[0]
+        );
+    }
+
+    #[test]
+    fn faces_that_cancel_leave_the_first_ones_normal() {
+        let none = [0.0; 3];
+        let vertices = [
+            vertex([0.1, 0.0, 0.3], none, 0.0, 0.0),
+            vertex([1.0, 0.2, 0.0], none, 1.0, 0.0),
+            vertex([0.0, 1.0, 0.7], none, 0.0, 1.0),
+        ];
+        let mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [2, 1, 0]]);
+        let expected = normal_in(&mesh, mesh.triangles[0]);
+        for v in &mesh.vertices {
+            assert!(v.normal.abs_diff_eq(expected, 2f32.powi(-22)), "{v:?}");
+        }
+    }
+
+    #[test]
+    fn winding_survives_the_ascending_order() {
+        let none = [0.0; 3];
+        let vertices = [
+            vertex([0.0, 0.0, 0.0], none, 0.0, 0.0),
+            vertex([1.0, 0.0, 0.0], none, 1.0, 0.0),
+            vertex([0.0, 1.0, 0.0], none, 0.0, 1.0),
+        ];
+        let up = [[0, 1, 2], [1, 2, 0], [2, 0, 1]];
+        let down = [[0, 2, 1], [2, 1, 0], [1, 0, 2]];
+        // The first triangle fixes the numbering, so that the others meet it in every permutation.
+        let mesh = Mesh::from_triangles(&vertices, &[&up[..], &down[..]].concat());
+        for (i, &triangle) in mesh.triangles.iter().enumerate() {
+            assert_eq!(triangle.vertices, [0, 1, 2]);
+            assert_eq!(
+                normal_in(&mesh, triangle),
+                if i < 3 { Vec3::Z } else { -Vec3::Z },
+                "{i}"
+            );
+        }
+    }
+
+    #[test]
+    fn vertices_are_one_only_where_everything_agrees() {
+        let up = [0.0, 0.0, 2.0];
+        let vertices = [
+            vertex([0.0, 0.0, 0.0], up, 0.0, 0.0),
+            vertex([1.0, 0.0, 0.0], up, 1.0, 0.0),
+            vertex([0.0, 1.0, 0.0], up, 0.0, 1.0),
+            vertex([-0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.0, -0.0), // the first again
+            vertex([1.0, 0.0, 0.0], up, 0.5, 0.0),                // other texture coordinates
+            vertex([0.0, 1.0, 0.0], [0.0, 1.0, 0.0], 0.0, 1.0),   // another normal
+        ];
+        let mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [3, 4, 5]]);
+        assert_eq!(mesh.vertices.len(), 5);
+        assert_eq!(mesh.vertices[0].normal, Vec3::Z);
+        // Copies of a position stand together, positions in order of first use.
+        let positions: Vec<Vec3> = mesh.vertices.iter().map(|v| v.position).collect();
+        assert_eq!(positions, [Vec3::ZERO, Vec3::X, Vec3::X, Vec3::Y, Vec3::Y]);
+        assert_eq!(mesh.triangles[1].vertices, [0, 2, 4]);
+    }
+
+    #[test]
+    fn zero_area_is_dropped_and_counted() {
+        let none = [0.0; 3];
+        let vertices = [
+            vertex([0.1, 0.1, 0.1], none, 0.0, 0.0),
+            vertex([0.2, 0.2, 0.2], none, 1.0, 0.0),
+            vertex([0.3, 0.3, 0.3], none, 0.0, 1.0),
+            vertex([0.1, 0.1, 0.1], none, 0.7, 0.0),
+            vertex([0.0, 1.0, 0.0], none, 0.0, 1.0),
+        ];
+        // A repeated index, two vertices at one position, three on a line, and one that counts.
+        let mesh = Mesh::from_triangles(&vertices, &[[0, 0, 4], [0, 3, 4], [0, 1, 2], [0, 1, 4]]);
+        assert_eq!(
+            (mesh.triangles.len(), mesh.dropped, mesh.vertices.len()),
+            (1, 3, 3)
+        );
+    }
+
+    #[test]
+    fn bounds_hold_every_vertex() {
+        let (vertices, triangles) = fold();
+        let mesh = Mesh::from_triangles(&vertices, &triangles);
+        assert_eq!(
+            mesh.bounds(),
+            Some((Vec3::new(0.0, 0.0, -2.0), Vec3::ONE - Vec3::Z))
+        );
+        assert_eq!(Mesh::default().bounds(), None);
+    }
+}
