@@ -264,7 +264,13 @@ fn say(line: impl std::fmt::Display) {
 }
 
 fn list_devices() {
-    for DeviceInfo { backend, name, kind, details } in devices() {
+    for DeviceInfo {
+        backend,
+        name,
+        kind,
+        details,
+    } in devices()
+    {
         say(format_args!("{backend:<8}{name} ({kind:?}, {details})"));
     }
 }
@@ -285,9 +291,19 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(&settings, self.samples, scene.zero, scene.scale, scene.subdivisions);
+        let used = SettingsUsed::new(
+            &settings,
+            self.samples,
+            scene.zero,
+            scene.scale,
+            scene.subdivisions,
+        );
         let job = prepare(scene, &settings)?;
-        tracing::debug!("BVH of {} nodes built in {:.1?}", job.buffers.nodes.len(), job.bvh_build);
+        tracing::debug!(
+            "BVH of {} nodes built in {:.1?}",
+            job.buffers.nodes.len(),
+            job.bvh_build
+        );
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);
         }
@@ -295,7 +311,11 @@ impl RenderArgs {
         let bar = progress::bar(self.quiet);
         let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
             bar.set_position(progress::position(share));
-            if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            if interrupt.requested() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
         })?;
         bar.finish_and_clear();
 
@@ -342,7 +362,7 @@ impl RenderArgs {
                 target: self.target,
                 up: self.up,
                 fov: self.fov,
-                from: View::THREE_QUARTER,
+                ..View::default()
             },
             lights: self.lights.clone(),
             ambient: self.ambient,
@@ -370,8 +390,8 @@ impl RenderArgs {
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
         })?;
-        if let Some(from) = inputs.view_from {
-            settings.view.from = from;
+        if let Some((from, up)) = inputs.view {
+            (settings.view.from, settings.view.usual_up) = (from, up);
         }
         if settings.lights.is_empty() {
             settings.lights.clone_from(&inputs.lights);
@@ -390,7 +410,10 @@ impl RenderArgs {
             0 => String::new(),
             dropped => format!(", left out {dropped} of zero area"),
         };
-        say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
+        say(format_args!(
+            "Imported {} triangles{dropped}",
+            mesh.triangles.len()
+        ));
     }
 
     fn report_done(&self, destination: &Destination, rendering: &Rendering, device: &DeviceInfo) {

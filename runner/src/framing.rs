@@ -21,12 +21,14 @@ pub struct View {
     pub eye: Option<Vec3>,
     /// What is in the middle of the picture.
     pub target: Option<Vec3>,
-    /// What is up in the picture; +Y by default.
+    /// What is up in the picture.
     pub up: Option<Vec3>,
     /// Angle between the picture's upper and lower edge, in degrees, above 0 and below 180.
     pub fov: f32,
     /// From the model towards the camera: used without an eye. Not zero.
     pub from: Vec3,
+    /// What is up where the user does not say and the camera does not look along it.
+    pub usual_up: Vec3,
 }
 
 impl View {
@@ -46,6 +48,7 @@ impl Default for View {
             up: None,
             fov: View::FOV,
             from: View::THREE_QUARTER,
+            usual_up: Vec3::Y,
         }
     }
 }
@@ -95,7 +98,7 @@ pub fn frame(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, Framin
         }
         (None, _) => -view.from.as_dvec3().normalize_or(DVec3::Z),
     };
-    let (right, up) = screen_axes(forward, view.up)?;
+    let (right, up) = screen_axes(forward, view)?;
     let half_height = (f64::from(view.fov).to_radians() * 0.5).tan();
     let axes = Axes {
         right,
@@ -200,19 +203,21 @@ impl Axes {
     }
 }
 
-/// The unit vectors to the right and upwards in a picture with the view direction `forward`. Where the default up
-/// is the view direction itself, -Z is up, as on a map.
-fn screen_axes(forward: DVec3, up: Option<Vec3>) -> Result<(DVec3, DVec3), FramingError> {
-    let right = |up: DVec3| forward.cross(up.normalize_or_zero()).try_normalize();
-    // Nearly parallel vectors leave a cross product of rounding errors only.
-    let apart = |up: DVec3| forward.cross(up.normalize_or_zero()).length() > 1e-6;
-    let chosen = match up {
-        Some(up) if !apart(up.as_dvec3()) => return Err(FramingError::UpAlongView(up)),
-        Some(up) => up.as_dvec3(),
-        None if apart(DVec3::Y) => DVec3::Y,
-        None => DVec3::NEG_Z,
+/// The unit vectors to the right and upwards in a picture with the view direction `forward`. Where the usual up is
+/// the view direction itself, -Z is up, as on a map, or Y.
+fn screen_axes(forward: DVec3, view: &View) -> Result<(DVec3, DVec3), FramingError> {
+    let right = |up: Vec3| {
+        let across = forward.cross(up.as_dvec3().normalize_or_zero());
+        // Nearly parallel vectors leave a cross product of rounding errors only.
+        (across.length() > 1e-6).then(|| across.normalize())
     };
-    let right = right(chosen).unwrap_or(DVec3::X);
+    let right = match view.up {
+        Some(up) => right(up).ok_or(FramingError::UpAlongView(up))?,
+        None => [view.usual_up, Vec3::NEG_Z, Vec3::Y]
+            .into_iter()
+            .find_map(right)
+            .unwrap_or(DVec3::X),
+    };
     Ok((right, right.cross(forward)))
 }
 
@@ -260,6 +265,7 @@ mod tests {
             let film = cube()[0].corners().map(|p| projected(&framing.camera, p));
             let max = |f: fn(&(f32, f32)) -> f32| film.iter().map(f).fold(f32::MIN, f32::max);
             let reach = [max(|p| p.0), max(|p| -p.0), max(|p| p.1), max(|p| -p.1)];
+            #[expect(clippy::cast_possible_truncation, reason = "0.92 to the nearest f32")]
             let filled = FILLED as f32;
             assert!(reach.iter().all(|&r| r <= filled + 1e-5), "{reach:?}");
             let touched = |a: f32, b: f32| (a - filled).abs() < 1e-5 && (b - filled).abs() < 1e-5;
