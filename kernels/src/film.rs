@@ -31,11 +31,7 @@ impl FilmPixel {
     /// without samples shows the background.
     #[inline]
     pub fn resolve(self, frame: &Frame) -> Vec4 {
-        let scale = if self.samples == 0 {
-            0.0
-        } else {
-            1.0 / self.samples as f32
-        };
+        let scale = if self.samples == 0 { 0.0 } else { 1.0 / self.samples as f32 };
         let radiance = Vec3::new(self.radiance[0], self.radiance[1], self.radiance[2]) * scale;
         let behind = (1.0 - self.alpha * scale) * frame.background_alpha;
         (radiance + frame.background * behind).extend(self.alpha * scale + behind)

@@ -16,12 +16,7 @@ pub const OUT_STRIDE: u32 = 8;
 pub fn run(kernel: u32, input: &[u32], output: &mut [u32], i: u32) {
     let (a, b) = (i * IN_STRIDE, i * OUT_STRIDE);
     if kernel == PCG4D {
-        let v = pcg4d(UVec4::new(
-            at(input, a),
-            at(input, a + 1),
-            at(input, a + 2),
-            at(input, a + 3),
-        ));
+        let v = pcg4d(UVec4::new(at(input, a), at(input, a + 1), at(input, a + 2), at(input, a + 3)));
         put(output, b, v.x);
         put(output, b + 1, v.y);
         put(output, b + 2, v.z);
