@@ -1,6 +1,7 @@
 //! Where the camera and the light stand when the user does not say.
 
-use crate::bvh::Aabb;
+use crate::bvh::HostAabb;
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight};
 use glam::{DVec3, Vec3};
 use std::f32::consts::PI;

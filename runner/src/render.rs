@@ -1,11 +1,12 @@
 //! From a scene and settings to a picture: buffers and BVH, samples one after the other, and what it took.
 
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
-use crate::bvh::{Aabb, Bvh};
+use crate::bvh::Bvh;
 use crate::framing::{self, Framing, FramingError};
 use crate::picture::Picture;
 use crate::scene::{ColorMap, HeightMap, Mesh};
 use crate::settings::{Light, Method, Settings};
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::surface::prism_bounds;
 use emboss_kernels::interface::{Displacement, FilmPixel, Frame, PointLight, color_format};
 use emboss_kernels::scene::Features;
@@ -220,10 +221,7 @@ fn height_range(range: (f32, f32), scale: f32, zero: f32) -> (f32, f32) {
 fn prism_boxes(mesh: &Mesh, displacement: &Displacement) -> Vec<Aabb> {
     mesh.triangles
         .par_iter()
-        .map(|&triangle| {
-            let (min, max) = prism_bounds(&mesh.vertices, triangle, displacement);
-            Aabb { min, max }
-        })
+        .map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement))
         .collect()
 }
 

@@ -1,6 +1,7 @@
 //! The invariants of a BVH, checked, and its statistics.
 
-use super::{Aabb, Bvh};
+use super::{Bvh, HostAabb};
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{BvhNode, MAX_BVH_DEPTH};
 
 /// What a tree is like.
