@@ -29,7 +29,11 @@ pub struct PatchHit {
 
 impl PatchHit {
     /// No hit.
-    pub const NONE: PatchHit = PatchHit { t: f32::NAN, u: 0.0, v: 0.0 };
+    pub const NONE: PatchHit = PatchHit {
+        t: f32::NAN,
+        u: 0.0,
+        v: 0.0,
+    };
 
     /// Whether the line meets the patch here.
     #[inline]
@@ -63,7 +67,10 @@ impl BilinearPatch {
         }
         let root = sqrt(discriminant);
         let q = -0.5 * (b + if b < 0.0 { -root } else { root });
-        (self.on_ruling(q / c, direction, q00, q10, e00, e11), self.on_ruling(a / q, direction, q00, q10, e00, e11))
+        (
+            self.on_ruling(q / c, direction, q00, q10, e00, e11),
+            self.on_ruling(a / q, direction, q00, q10, e00, e11),
+        )
     }
 
     /// Where the line meets the straight line u = const; no hit where u is outside [0,1] (or NaN: a quadratic that
@@ -81,7 +88,11 @@ impl BilinearPatch {
             return PatchHit::NONE;
         }
         let m = cross(start, n);
-        PatchHit { t: -dot(m, ruling) / n2, u, v: -dot(m, direction) / n2 }
+        PatchHit {
+            t: -dot(m, ruling) / n2,
+            u,
+            v: -dot(m, direction) / n2,
+        }
     }
 }
 
@@ -101,9 +112,21 @@ mod tests {
 
     #[test]
     fn plane_patch_is_met_once() {
-        let patch = BilinearPatch { q00: Vec3::ZERO, q10: Vec3::X, q01: Vec3::Y, q11: Vec3::X + Vec3::Y };
+        let patch = BilinearPatch {
+            q00: Vec3::ZERO,
+            q10: Vec3::X,
+            q01: Vec3::Y,
+            q11: Vec3::X + Vec3::Y,
+        };
         let found = hits(&patch, Vec3::new(0.25, 0.5, 2.0), -Vec3::Z);
-        assert_eq!(found, [PatchHit { t: 2.0, u: 0.25, v: 0.5 }]);
+        assert_eq!(
+            found,
+            [PatchHit {
+                t: 2.0,
+                u: 0.25,
+                v: 0.5
+            }]
+        );
         assert_eq!(hits(&patch, Vec3::new(1.25, 0.5, 2.0), -Vec3::Z), []);
     }
 
@@ -117,17 +140,27 @@ mod tests {
             q01: corner(-1.0, 1.0),
             q11: corner(1.0, 1.0),
         };
-        let mut ts: Vec<f32> =
-            hits(&patch, Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 1.0, 0.0)).iter().map(|h| h.t).collect();
+        let mut ts: Vec<f32> = hits(&patch, Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 1.0, 0.0))
+            .iter()
+            .map(|h| h.t)
+            .collect();
         ts.sort_by(f32::total_cmp);
         assert_eq!(ts.len(), 2);
         // (t, t, 1/2) lies on z = x y where t² = 1/2. Bound: a few roundings of numbers near 1.
-        assert!((ts[0] + 0.5_f32.sqrt()).abs() < 1e-6 && (ts[1] - 0.5_f32.sqrt()).abs() < 1e-6, "{ts:?}");
+        assert!(
+            (ts[0] + 0.5_f32.sqrt()).abs() < 1e-6 && (ts[1] - 0.5_f32.sqrt()).abs() < 1e-6,
+            "{ts:?}"
+        );
     }
 
     #[test]
     fn line_in_the_surface_has_no_meeting() {
-        let patch = BilinearPatch { q00: Vec3::ZERO, q10: Vec3::X, q01: Vec3::Y, q11: Vec3::X + Vec3::Y };
+        let patch = BilinearPatch {
+            q00: Vec3::ZERO,
+            q10: Vec3::X,
+            q01: Vec3::Y,
+            q11: Vec3::X + Vec3::Y,
+        };
         assert_eq!(hits(&patch, Vec3::new(0.5, 0.5, 0.0), Vec3::X), []);
     }
 
@@ -158,7 +191,10 @@ mod tests {
                 .map(|h| ((h.t - 3.0).abs()).max((h.u - u).abs()).max((h.v - v).abs()))
                 .fold(f32::INFINITY, f32::min);
             // About 30 roundings of numbers below 8, divided by at most 0.05.
-            assert!(error < 30.0 * 8.0 * crate::math::UNIT_ROUNDOFF / 0.05, "{patch:?} {u} {v} {error}");
+            assert!(
+                error < 30.0 * 8.0 * crate::math::UNIT_ROUNDOFF / 0.05,
+                "{patch:?} {u} {v} {error}"
+            );
         }
         assert!(checked > 30_000);
     }

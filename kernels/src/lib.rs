@@ -23,5 +23,7 @@ pub mod render;
 pub mod sampler;
 pub mod scene;
 pub mod shading;
+#[cfg(test)]
+mod test_scene;
 pub mod texture;
 pub mod triangle;

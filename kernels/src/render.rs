@@ -34,7 +34,10 @@ pub fn sample_pixel(
     }
     counts.hits += 1;
     let steps = counts.triangles;
-    Sample { radiance: shade_hit(scene, features, &ray, hit, steps, counts), alpha: 1.0 }
+    Sample {
+        radiance: shade_hit(scene, features, &ray, hit, steps, counts),
+        alpha: 1.0,
+    }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.
@@ -44,7 +47,11 @@ pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &m
     counts.primary_rays += 1;
     let hit = traverse(scene, features, &traversal_ray, Query::Nearest, counts);
     if !hit.is_some() {
-        return Intersection { t: f32::INFINITY, primitive: MISS, ..Intersection::default() };
+        return Intersection {
+            t: f32::INFINITY,
+            primitive: MISS,
+            ..Intersection::default()
+        };
     }
     counts.hits += 1;
     let surface = SurfaceInteraction::new(scene, features, hit);

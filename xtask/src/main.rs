@@ -7,7 +7,9 @@ fn main() {
     let home = std::env::var("HOME").unwrap();
     builder.rustc_codegen_spirv_location =
         Some(format!("{home}/.local/share/rust-gpu-1.96/lib/librustc_codegen_spirv.so").into());
-    builder.capabilities.push(Capability::VulkanMemoryModelDeviceScope);
+    builder
+        .capabilities
+        .push(Capability::VulkanMemoryModelDeviceScope);
     let module = builder.build().unwrap();
     std::fs::copy(module.module.unwrap_single(), "assets/kernels.spv").unwrap();
 }

@@ -27,7 +27,6 @@
 use crate::barycentric::grid_point;
 use crate::bilinear_patch::{BilinearPatch, PatchHit};
 use crate::counters::Counts;
-use crate::displacement::brute_force;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField, MicroVertex};
 use crate::hit::Hit;
@@ -45,38 +44,33 @@ pub fn intersect(
     counts: &mut Counts,
 ) -> Hit {
     counts.prisms += 1;
-    let shortest = base.shortest_normal();
-    if shortest == 0.0 {
-        // Normals that spread over more than a third of the sphere: no prism to speak of.
-        counts.scans += 1;
-        return brute_force::intersect(field, base, ray, nearest, counts);
-    }
-    let conic = Conic::new(field, base, ray, shortest);
+    let conic = Conic::new(field, base, ray);
     let entries = Entries::find(&conic, base, ray);
-    if entries.doubtful || conic.folds(base) {
-        return conic.scan(field, base, ray, nearest, counts);
-    }
     let mut found = nearest;
+    let mut doubtful = entries.doubtful || conic.folds(base);
     let mut walked = f32::NEG_INFINITY;
     let mut rounds = 0;
-    while rounds < MAX_EVENTS {
+    while !doubtful && rounds < MAX_EVENTS {
         let entry = entries.next_after(walked);
-        if !entry.is_some() || conic.t_origin + entry.t - conic.reach > found.t {
-            return found;
-        }
-        walked = entry.t;
-        let exit = entries.exit_after(entry.t);
-        // An interval wholly behind the ray's origin is left out, with room for a leaning micro-triangle.
-        if conic.t_origin + exit.t + conic.reach >= 0.0 {
-            let walk = walk(&conic, field, base, ray, entry, exit.cell, found, counts);
-            if walk.doubtful {
-                return conic.scan(field, base, ray, nearest, counts);
+        if entry.is_some() && conic.t_origin + entry.t - conic.reach <= found.t {
+            walked = entry.t;
+            let exit = entries.exit_after(entry.t);
+            // An interval wholly behind the ray's origin is left out, with room for a leaning micro-triangle.
+            if conic.t_origin + exit.t + conic.reach >= 0.0 {
+                let walk = walk(&conic, field, base, ray, entry, exit.cell, found, counts);
+                found = walk.nearest;
+                doubtful = walk.doubtful;
             }
-            found = walk.nearest;
+            rounds += 1;
+        } else {
+            rounds = MAX_EVENTS;
         }
-        rounds += 1;
     }
-    found
+    if doubtful {
+        conic.scan(field, base, ray, nearest, counts)
+    } else {
+        found
+    }
 }
 
 /// A line meets each cap once and each wall twice at most.
@@ -109,23 +103,28 @@ struct Conic {
     lift_min: f32,
     /// See `lift_min`.
     lift_max: f32,
+    /// No bound on lifts is proven.
+    wild: bool,
     /// N.
     n: u32,
 }
 
 impl Conic {
     #[inline]
-    fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay, shortest: f32) -> Self {
+    fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay) -> Self {
         let n = field.displacement.subdivisions;
         let v = ray.direction;
-        let (low, high) = BaseTriangle::lift_range(&field.displacement, shortest);
+        // Normals that spread over a third of the sphere have no proven length: any lift is possible then, the prism
+        // counts as folded, and its scan takes every cell.
+        let shortest = base.shortest_normal();
+        let wild = shortest == 0.0;
+        let (low, high) = BaseTriangle::lift_range(&field.displacement, if wild { 1.0 } else { shortest });
 
         // Move the origin along the ray to the prism, so that differences are of the prism's size.
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
         let t_origin = dot(centroid - ray.origin, v);
         let origin = ray.origin + v * t_origin;
-        let extent =
-            max_abs(base.p1 - base.p0) + max_abs(base.p2 - base.p0) + low.abs().max(high.abs());
+        let extent = max_abs(base.p1 - base.p0) + max_abs(base.p2 - base.p0) + low.abs().max(high.abs());
 
         // Q_il = (v x n_i) . (o - p_l), symmetrised.
         let (m0, m1, m2) = (cross(v, base.n0), cross(v, base.n1), cross(v, base.n2));
@@ -171,6 +170,7 @@ impl Conic {
             reach: extent * per_edge + 16.0 * UNIT_ROUNDOFF * coordinate,
             lift_min: low - margin,
             lift_max: high + margin,
+            wild,
             n,
         }
     }
@@ -188,6 +188,19 @@ impl Conic {
         self.flag(grid_point(j, k, self.n))
     }
 
+    /// The flags at the vertices of a cell.
+    #[inline]
+    fn cell_flags(&self, cell: Cell) -> Vec3 {
+        let (j0, k0) = cell.vertex(0);
+        let (j1, k1) = cell.vertex(1);
+        let (j2, k2) = cell.vertex(2);
+        Vec3::new(
+            self.grid_flag(j0, k0),
+            self.grid_flag(j1, k1),
+            self.grid_flag(j2, k2),
+        )
+    }
+
     /// Half-width of the band of flags that are near zero for a micro-edge of direction `e` whose lifts differ by
     /// `lift_difference`: outside it the path does not cross the edge twice, nor does the edge lean across it.
     #[inline]
@@ -195,20 +208,27 @@ impl Conic {
         0.25 * (component(self.bend, e) + lift_difference.abs() * component(self.twist, e)) + self.rounding
     }
 
-    /// Whether columns over the triangle overlap within the prism, so that signs no longer tell left from right: the
-    /// Jacobian of (w, g) -> p(w) + g n(w) changes sign between the six corners.
+    /// Whether columns over the triangle may overlap within the prism, so that signs no longer tell left from right.
+    ///
+    /// The Jacobian of (w, g) -> p(w) + g n(w) is (e1(g) x e2(g)) . n(w), e1 and e2 the edges at lift g: linear in w,
+    /// quadratic in g. It is positive throughout where its three Bernstein coefficients over the lift's range are,
+    /// at each corner.
     #[inline]
     fn folds(&self, base: &BaseTriangle) -> bool {
-        let low = self.least_jacobian(base, self.lift_min);
-        let high = self.least_jacobian(base, self.lift_max);
-        !(low > 0.0 && high > 0.0)
+        let (p1, p2) = (base.p1 - base.p0, base.p2 - base.p0);
+        let (d1, d2) = (base.n1 - base.n0, base.n2 - base.n0);
+        let (low1, low2) = (p1 + d1 * self.lift_min, p2 + d2 * self.lift_min);
+        let (high1, high2) = (p1 + d1 * self.lift_max, p2 + d2 * self.lift_max);
+        let ends = self
+            .least_along_normals(base, cross(low1, low2))
+            .min(self.least_along_normals(base, cross(high1, high2)));
+        let middle = self.least_along_normals(base, cross(low1, high2) + cross(high1, low2));
+        self.wild || !(ends.min(middle) > 0.0)
     }
 
     #[inline]
-    fn least_jacobian(&self, base: &BaseTriangle, lift: f32) -> f32 {
-        let e1 = base.p1 - base.p0 + (base.n1 - base.n0) * lift;
-        let e2 = base.p2 - base.p0 + (base.n2 - base.n0) * lift;
-        let area = cross(e1, e2) * self.orientation;
+    fn least_along_normals(&self, base: &BaseTriangle, area: Vec3) -> f32 {
+        let area = area * self.orientation;
         area.dot(base.n0).min(area.dot(base.n1)).min(area.dot(base.n2))
     }
 
@@ -224,22 +244,29 @@ impl Conic {
     ) -> Hit {
         counts.scans += 1;
         let widest = self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element();
-        let band = widest * (1.0 / 3.0) + self.rounding;
+        let band = if self.wild {
+            f32::INFINITY
+        } else {
+            widest * (1.0 / 3.0) + self.rounding
+        };
         let mut nearest = nearest;
         let mut j = 0;
         while j < self.n {
+            // The cells of a strip in a row: lower and upper by turns.
             let (first, last) = self.candidates_of_strip(j, band);
-            let mut k = first;
-            while k <= last {
-                let lower = Cell { j, k, upper: false };
-                if self.is_candidate(lower, band) {
-                    nearest = test_cell(field, base, ray, lower, nearest, counts);
+            let mut i = 2 * first;
+            while i <= (2 * last + 1).min(2 * (self.n - 1 - j)) {
+                let cell = Cell {
+                    j,
+                    k: i >> 1,
+                    upper: i & 1 != 0,
+                };
+                if self.is_candidate(cell, band) {
+                    let [a, b, c] = base.micro_triangle(field, cell);
+                    nearest = base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest);
+                    counts.triangles += 1;
                 }
-                let upper = Cell { j, k, upper: true };
-                if j + k + 1 < self.n && self.is_candidate(upper, band) {
-                    nearest = test_cell(field, base, ray, upper, nearest, counts);
-                }
-                k += 1;
+                i += 1;
             }
             j += 1;
         }
@@ -249,18 +276,18 @@ impl Conic {
     /// Whether the flags of a cell are neither all above `band` nor all below `-band`.
     #[inline]
     fn is_candidate(&self, cell: Cell, band: f32) -> bool {
-        let (j0, k0) = cell.vertex(0);
-        let (j1, k1) = cell.vertex(1);
-        let (j2, k2) = cell.vertex(2);
-        let (f0, f1, f2) = (self.grid_flag(j0, k0), self.grid_flag(j1, k1), self.grid_flag(j2, k2));
-        f0.min(f1).min(f2) <= band && f0.max(f1).max(f2) >= -band
+        let flags = self.cell_flags(cell);
+        flags.min_element() <= band && flags.max_element() >= -band
     }
 
     /// First and last k of the cells between rows j and j + 1 that can be candidates; first > last where none can.
     #[inline]
     fn candidates_of_strip(&self, j: u32, band: f32) -> (u32, u32) {
         let n = self.n as f32;
-        let mut range = Range { min: f32::INFINITY, max: f32::NEG_INFINITY };
+        let mut range = Range {
+            min: f32::INFINITY,
+            max: f32::NEG_INFINITY,
+        };
         let mut row = j;
         while row <= j + 1 {
             // f on the row, as a polynomial in gamma, from its ends and its middle (Bernstein coefficients).
@@ -289,7 +316,7 @@ impl Conic {
             range = range.with(1.0);
         }
         if range.min > range.max {
-            return (1, 0);
+            return (self.n, 0);
         }
         // One cell more on either side, for the roots' rounding.
         let first = (range.min * n - 2.0).max(0.0) as u32;
@@ -314,7 +341,10 @@ struct Range {
 impl Range {
     #[inline]
     fn with(self, x: f32) -> Self {
-        Range { min: self.min.min(x), max: self.max.max(x) }
+        Range {
+            min: self.min.min(x),
+            max: self.max.max(x),
+        }
     }
 
     /// Includes the roots in [0, length] of the quadratic with Bernstein coefficients a, b, c.
@@ -332,7 +362,11 @@ impl Range {
 
     #[inline]
     fn with_root(self, s: f32, length: f32) -> Self {
-        if s >= 0.0 && s <= 1.0 { self.with(s * length) } else { self }
+        if s >= 0.0 && s <= 1.0 {
+            self.with(s * length)
+        } else {
+            self
+        }
     }
 }
 
@@ -348,7 +382,11 @@ struct Event {
 }
 
 impl Event {
-    const NONE: Event = Event { t: f32::NAN, cell: NO_CELL, through_cap: false };
+    const NONE: Event = Event {
+        t: f32::NAN,
+        cell: NO_CELL,
+        through_cap: false,
+    };
 
     #[inline]
     fn is_some(&self) -> bool {
@@ -427,7 +465,10 @@ impl Entries {
     /// Wall `e` from vertex a to vertex b (counter-clockwise seen along the normals where the orientation is
     /// positive): the ruled surface over the edge, cut off at the caps.
     #[inline]
-    #[expect(clippy::too_many_arguments, reason = "a wall is two vertices, each a point and a direction")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a wall is two vertices, each a point and a direction"
+    )]
     fn add_wall(
         &mut self,
         conic: &Conic,
@@ -445,33 +486,70 @@ impl Entries {
         let band = conic.doubt(e, conic.lift_max - conic.lift_min);
         let square = fa - 2.0 * fm + fb;
         let extremum = (fa - fm) / square;
-        let touches = extremum > 0.0
-            && extremum < 1.0
-            && (fa + (fm - fa) * extremum).abs() <= band;
+        let touches = extremum > 0.0 && extremum < 1.0 && (fa + (fm - fa) * extremum).abs() <= band;
         self.doubtful = self.doubtful || touches || fa.abs() <= band || fb.abs() <= band;
-        let patch = BilinearPatch { q00: pa, q10: pb, q01: pa + na, q11: pb + nb };
+        let patch = BilinearPatch {
+            q00: pa,
+            q10: pb,
+            q01: pa + na,
+            q11: pb + nb,
+        };
         let (first, second) = patch.intersect_line(conic.origin, ray.direction);
-        self.add_wall_hit(conic, e, first, fm - fa, square);
-        self.add_wall_hit(conic, e, second, fm - fa, square);
+        let length = max_abs(pb - pa);
+        self.add_wall_hit(conic, e, first, fm - fa, square, length);
+        self.add_wall_hit(conic, e, second, fm - fa, square, length);
     }
 
     #[inline]
-    fn add_wall_hit(&mut self, conic: &Conic, e: u32, hit: PatchHit, slope: f32, square: f32) {
-        if !(hit.is_some() && hit.v >= conic.lift_min && hit.v <= conic.lift_max) {
+    fn add_wall_hit(
+        &mut self,
+        conic: &Conic,
+        e: u32,
+        hit: PatchHit,
+        half_slope: f32,
+        square: f32,
+        length: f32,
+    ) {
+        // Half the flag's derivative along the edge, which is also the ray's speed across the wall, per lift, times
+        // the edge's length. A ray that runs along the wall within rounding of it may cross it beyond a cap only.
+        let crossing = half_slope + square * hit.u;
+        let tolerance = conic.rounding_of_position() * length / crossing.abs();
+        if !hit.is_some() || hit.v < conic.lift_min - tolerance || hit.v > conic.lift_max + tolerance {
+            return;
+        }
+        if hit.v < conic.lift_min || hit.v > conic.lift_max {
+            self.doubtful = true;
             return;
         }
         let last = conic.n - 1;
         let along = ((hit.u * conic.n as f32) as u32).min(last);
         let cell = if e == 0 {
-            Cell { j: last - along, k: along, upper: false }
+            Cell {
+                j: last - along,
+                k: along,
+                upper: false,
+            }
         } else if e == 1 {
-            Cell { j: 0, k: last - along, upper: false }
+            Cell {
+                j: 0,
+                k: last - along,
+                upper: false,
+            }
         } else {
-            Cell { j: along, k: 0, upper: false }
+            Cell {
+                j: along,
+                k: 0,
+                upper: false,
+            }
         };
         // Falling flags, (+, -) counter-clockwise, lead into the prism.
-        let entering = slope + square * hit.u < 0.0;
-        self.push(hit.t, if entering { cell.pack() } else { NO_CELL }, entering, false);
+        let entering = crossing < 0.0;
+        self.push(
+            hit.t,
+            if entering { cell.pack() } else { NO_CELL },
+            entering,
+            false,
+        );
     }
 
     /// The first entry after `t`.
@@ -484,7 +562,14 @@ impl Entries {
     #[inline]
     fn exit_after(&self, t: f32) -> Event {
         let exit = self.first_after(t, !self.entering);
-        if exit.is_some() { exit } else { Event { t: f32::INFINITY, ..Event::NONE } }
+        if exit.is_some() {
+            exit
+        } else {
+            Event {
+                t: f32::INFINITY,
+                ..Event::NONE
+            }
+        }
     }
 
     #[inline]
@@ -494,7 +579,11 @@ impl Entries {
         while i < self.count {
             let ti = self.t[i as usize];
             if mask >> i & 1 != 0 && ti > t && !(ti >= first.t) {
-                first = Event { t: ti, cell: self.cell[i as usize], through_cap: self.on_cap >> i & 1 != 0 };
+                first = Event {
+                    t: ti,
+                    cell: self.cell[i as usize],
+                    through_cap: self.on_cap >> i & 1 != 0,
+                };
             }
             i += 1;
         }
@@ -519,7 +608,10 @@ struct Walk {
 
 /// Walks from an entry until the path leaves the grid, the exit's cell or the cell of a hit is passed, or doubt.
 #[inline]
-#[expect(clippy::too_many_arguments, reason = "a walk needs the prism, the ray and both ends")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a walk needs the prism, the ray and both ends"
+)]
 fn walk(
     conic: &Conic,
     field: &HeightField<'_>,
@@ -532,55 +624,57 @@ fn walk(
 ) -> Walk {
     let n = conic.n;
     let mut cell = Cell::unpack(entry.cell);
-    let mut corners = Corners::of_cell(conic, field, base, cell);
-    let mut found = nearest;
-
-    // The entry through a cap is known to within a cell: test the one before as well.
-    let back = corners.entry_edge();
-    if entry.through_cap && back < 3 && !cell.leaves_grid(cell.change_across(back), n) {
-        found = test_cell(field, base, ray, cell.step(cell.change_across(back)), found, counts);
+    if entry.through_cap {
+        // Known to within a cell: start at the one before.
+        let back = edge_to_negative(conic.cell_flags(cell));
+        if back < 3 && !cell.leaves_grid(cell.change_across(back), n) {
+            cell = cell.step(cell.change_across(back));
+        }
     }
+    let [a, b, c] = base.micro_triangle(field, cell);
+    let mut corners = Corners {
+        a,
+        b,
+        c,
+        flags: conic.cell_flags(cell),
+    };
 
     // A quadratic crosses each of the 3 (N+1) grid lines at most twice, and each step crosses one.
     let cap = 6 * (n + 1);
-    let mut steps = 0;
+    let mut found = nearest;
     let mut passed = false;
-    while steps < cap {
-        if corners.doubtful(conic) {
-            return Walk { nearest: found, doubtful: true };
-        }
+    let mut going = true;
+    let mut doubtful = corners.doubtful(conic);
+    let mut steps = 0;
+    while going && !doubtful && steps < cap {
         counts.cells += 1;
         counts.triangles += 1;
         let before = found;
-        let (a, b, c) = (corners.a.position, corners.b.position, corners.c.position);
-        found = base.intersect_cell(ray, cell, a, b, c, found);
-        let e = corners.exit_edge();
+        found = base.intersect_cell(
+            ray,
+            cell,
+            corners.a.position,
+            corners.b.position,
+            corners.c.position,
+            found,
+        );
+        let e = edge_to_negative(-corners.flags);
         let change = cell.change_across(e);
-        if passed || cell.leaves_grid(change, n) {
-            return Walk { nearest: found, doubtful: false };
-        }
+        going = !(passed || cell.leaves_grid(change, n));
         passed = found != before || cell.pack() == exit_cell;
-        cell = cell.step(change);
-        corners = corners.stepped(conic, field, base, cell, e);
+        if going {
+            cell = cell.step(change);
+            corners = corners.stepped(conic, field, base, cell, e);
+            doubtful = corners.doubtful(conic);
+        }
         steps += 1;
     }
-    counts.cap_hits += 1;
-    Walk { nearest: found, doubtful: true }
-}
-
-/// Tests one cell.
-#[inline]
-fn test_cell(
-    field: &HeightField<'_>,
-    base: &BaseTriangle,
-    ray: &TraversalRay,
-    cell: Cell,
-    nearest: Hit,
-    counts: &mut Counts,
-) -> Hit {
-    counts.triangles += 1;
-    let [a, b, c] = base.micro_triangle(field, cell);
-    base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest)
+    let capped = going && steps == cap;
+    counts.cap_hits += capped as u32;
+    Walk {
+        nearest: found,
+        doubtful: doubtful || capped,
+    }
 }
 
 /// The vertices of the current cell with their flags.
@@ -593,16 +687,6 @@ struct Corners {
 }
 
 impl Corners {
-    #[inline]
-    fn of_cell(conic: &Conic, field: &HeightField<'_>, base: &BaseTriangle, cell: Cell) -> Self {
-        let [a, b, c] = base.micro_triangle(field, cell);
-        let (j0, k0) = cell.vertex(0);
-        let (j1, k1) = cell.vertex(1);
-        let (j2, k2) = cell.vertex(2);
-        let flags = Vec3::new(conic.grid_flag(j0, k0), conic.grid_flag(j1, k1), conic.grid_flag(j2, k2));
-        Corners { a, b, c, flags }
-    }
-
     /// The corners of `cell`, entered across edge `e`: a new vertex at place e, the other two change places.
     #[inline]
     fn stepped(
@@ -618,24 +702,27 @@ impl Corners {
         let flag = conic.grid_flag(j, k);
         let Corners { a, b, c, flags } = self;
         if e == 0 {
-            Corners { a: new, b: c, c: b, flags: Vec3::new(flag, flags.z, flags.y) }
+            Corners {
+                a: new,
+                b: c,
+                c: b,
+                flags: Vec3::new(flag, flags.z, flags.y),
+            }
         } else if e == 1 {
-            Corners { a: c, b: new, c: a, flags: Vec3::new(flags.z, flag, flags.x) }
+            Corners {
+                a: c,
+                b: new,
+                c: a,
+                flags: Vec3::new(flags.z, flag, flags.x),
+            }
         } else {
-            Corners { a: b, b: a, c: new, flags: Vec3::new(flags.y, flags.x, flag) }
+            Corners {
+                a: b,
+                b: a,
+                c: new,
+                flags: Vec3::new(flags.y, flags.x, flag),
+            }
         }
-    }
-
-    /// The edge whose ends, counter-clockwise, have the signs (-, +); 3 where all signs are equal.
-    #[inline]
-    fn exit_edge(&self) -> u32 {
-        edge_from(self.flags.x < 0.0, self.flags.y < 0.0, self.flags.z < 0.0)
-    }
-
-    /// The edge whose ends, counter-clockwise, have the signs (+, -); 3 where all signs are equal.
-    #[inline]
-    fn entry_edge(&self) -> u32 {
-        edge_from(self.flags.x >= 0.0, self.flags.y >= 0.0, self.flags.z >= 0.0)
     }
 
     /// Whether signs cannot decide what happens in this cell: all are equal, one is within rounding of zero, or
@@ -646,24 +733,35 @@ impl Corners {
         let magnitude = self.flags.abs();
         // The edge of equal signs lies across the vertex of the odd one.
         let (near, doubt) = if y == z {
-            (magnitude.y.min(magnitude.z), conic.doubt(0, self.b.lift - self.c.lift))
+            (
+                magnitude.y.min(magnitude.z),
+                conic.doubt(0, self.b.lift - self.c.lift),
+            )
         } else if x == z {
-            (magnitude.x.min(magnitude.z), conic.doubt(1, self.c.lift - self.a.lift))
+            (
+                magnitude.x.min(magnitude.z),
+                conic.doubt(1, self.c.lift - self.a.lift),
+            )
         } else {
-            (magnitude.x.min(magnitude.y), conic.doubt(2, self.a.lift - self.b.lift))
+            (
+                magnitude.x.min(magnitude.y),
+                conic.doubt(2, self.a.lift - self.b.lift),
+            )
         };
         x == y && y == z || magnitude.min_element() <= conic.rounding || near <= doubt
     }
 }
 
-/// The edge from a marked vertex to an unmarked one, counter-clockwise; 3 where all are alike.
+/// The edge that, counter-clockwise, goes from a vertex whose flag is not negative to one whose flag is: where the
+/// path comes in. With all flags negated, where it goes out: a zero, which counts as positive here and there, is
+/// in doubt before it is asked for. 3 where there is none.
 #[inline]
-fn edge_from(x: bool, y: bool, z: bool) -> u32 {
-    if y && !z {
+fn edge_to_negative(flags: Vec3) -> u32 {
+    if flags.y >= 0.0 && flags.z < 0.0 {
         0
-    } else if z && !x {
+    } else if flags.z >= 0.0 && flags.x < 0.0 {
         1
-    } else if x && !y {
+    } else if flags.x >= 0.0 && flags.y < 0.0 {
         2
     } else {
         3
@@ -687,4 +785,191 @@ fn component(v: Vec3, i: u32) -> f32 {
 fn greatest_dots(m: [Vec3; 3], d: [Vec3; 3]) -> Vec3 {
     let along = |d: Vec3| dot(m[0], d).abs().max(dot(m[1], d).abs()).max(dot(m[2], d).abs());
     Vec3::new(along(d[0]), along(d[1]), along(d[2]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacement::brute_force;
+    use crate::interface::{Displacement, Frame, Triangle, Vertex, height_format, wrap};
+    use crate::math::tests::Numbers;
+    use crate::scene::{Features, SceneView};
+
+    const FEATURES: Features = Features {
+        method: crate::interface::method::GRID_WALK,
+        shade: 0,
+        shadows: 0,
+        height_format: height_format::FLOAT32,
+        color_format: 0,
+        height_wrap: wrap::REPEAT,
+        color_wrap: 0,
+        counters: 0,
+    };
+
+    /// A prism of random shape under a random 16x16 map.
+    struct Prism {
+        vertices: Vec<Vertex>,
+        triangle: Triangle,
+        texels: Vec<u32>,
+        frame: Frame,
+    }
+
+    impl Prism {
+        /// `spread`: how far vertex normals lean from the triangle's, as a tangent. `relief`: greatest height as a
+        /// share of the edges' length.
+        fn random(numbers: &mut Numbers, n: u32, spread: f32, relief: f32) -> Self {
+            let p = [numbers.vec3(), numbers.vec3(), numbers.vec3()];
+            let normal = (p[1] - p[0]).cross(p[2] - p[0]).normalize();
+            let vertices = p
+                .iter()
+                .map(|&position| Vertex {
+                    position,
+                    normal: (normal + numbers.vec3() * spread).normalize(),
+                    u: numbers.unit() * 2.0,
+                    v: numbers.unit() * 2.0,
+                })
+                .collect();
+            let texels: Vec<f32> = (0..256).map(|_| numbers.unit()).collect();
+            let mut displacement = Displacement {
+                scale: relief * (p[1] - p[0]).length(),
+                zero: numbers.unit(),
+                subdivisions: n,
+                map_width: 16,
+                map_height: 16,
+                ..Displacement::default()
+            };
+            (displacement.height_min, displacement.height_max) =
+                Displacement::height_range(0.0, 1.0, displacement.zero, displacement.scale);
+            Prism {
+                vertices,
+                triangle: Triangle {
+                    vertices: [0, 1, 2],
+                    flags: 0,
+                },
+                texels: texels.into_iter().map(f32::to_bits).collect(),
+                frame: Frame {
+                    displacement,
+                    ..Frame::default()
+                },
+            }
+        }
+
+        fn base(&self) -> BaseTriangle {
+            BaseTriangle::load(&self.vertices, self.triangle, 0)
+        }
+
+        fn view(&self) -> SceneView<'_> {
+            SceneView {
+                frame: &self.frame,
+                vertices: &self.vertices,
+                triangles: &[],
+                nodes: &[],
+                primitives: &[],
+                height_texels: &self.texels,
+                color_texels: &[],
+                lights: &[],
+            }
+        }
+
+        /// Both methods' hits and the walk's counts.
+        fn both(&self, ray: &TraversalRay) -> (Hit, Hit, Counts) {
+            let view = self.view();
+            let field = HeightField::new(&view, FEATURES);
+            let mut counts = Counts::default();
+            let walked = intersect(&field, &self.base(), ray, Hit::NONE, &mut counts);
+            let exact = brute_force::intersect(&field, &self.base(), ray, Hit::NONE, &mut Counts::default());
+            (walked, exact, counts)
+        }
+
+        /// A point over the base triangle, somewhat beyond its rim and its range of heights too.
+        fn target(&self, numbers: &mut Numbers) -> Vec3 {
+            let base = self.base();
+            let (b, c) = (numbers.unit() * 1.4 - 0.2, numbers.unit() * 1.4 - 0.2);
+            let w = Vec3::new(1.0 - b - c, b, c);
+            let d = &self.frame.displacement;
+            let h = d.height_min + (d.height_max - d.height_min) * (numbers.unit() * 1.2 - 0.1);
+            let n = base.n0 * w.x + base.n1 * w.y + base.n2 * w.z;
+            base.p0 * w.x + base.p1 * w.y + base.p2 * w.z + n * h
+        }
+    }
+
+    /// Random rays: from outside, from inside the prism, grazing, and along the interpolated normal.
+    fn random_ray(prism: &Prism, numbers: &mut Numbers) -> TraversalRay {
+        let mut target = prism.target(numbers);
+        let base = prism.base();
+        if numbers.unit() < 0.2 {
+            // A micro-vertex, or the middle of a micro-edge: several micro-triangles are met at once.
+            let n = prism.frame.displacement.subdivisions;
+            let j = (numbers.unit() * n as f32) as u32;
+            let k = (numbers.unit() * (n - j) as f32) as u32;
+            let view = prism.view();
+            let field = HeightField::new(&view, FEATURES);
+            let a = base.micro_vertex(&field, j, k).position;
+            let b = base.micro_vertex(&field, j, k + 1).position;
+            target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };
+        }
+        let kind = numbers.unit();
+        let origin = if kind < 0.3 {
+            target + numbers.vec3() * 10.0
+        } else if kind < 0.6 {
+            prism.target(numbers)
+        } else if kind < 0.8 {
+            let along = (base.p1 - base.p0) * numbers.unit() + (base.p2 - base.p0) * numbers.unit();
+            target + along * 3.0 + base.n0 * (0.1 * numbers.unit())
+        } else {
+            let n = (base.n0 + base.n1 * numbers.unit() + base.n2 * numbers.unit()).normalize();
+            target + n * 5.0 + numbers.vec3() * if numbers.unit() < 0.5 { 0.0 } else { 0.01 }
+        };
+        TraversalRay::new(origin, (target - origin).normalize(), f32::INFINITY)
+    }
+
+    fn compare(seed: u32, count: u32, spread: f32, relief: f32) {
+        let mut numbers = Numbers::new(seed);
+        let (mut hits, mut differ, mut total) = (0u64, 0u64, Counts::default());
+        let mut first = String::new();
+        for _ in 0..count {
+            let n = 1 + (numbers.unit() * numbers.unit() * 24.0) as u32;
+            let prism = Prism::random(&mut numbers, n, spread, relief);
+            for _ in 0..20 {
+                let ray = random_ray(&prism, &mut numbers);
+                let (walked, exact, counts) = prism.both(&ray);
+                total.prisms += counts.prisms;
+                total.scans += counts.scans;
+                total.cap_hits += counts.cap_hits;
+                hits += u64::from(exact.is_some());
+                if walked != exact {
+                    if differ == 0 {
+                        first = format!("N = {n}\n{walked:?}\n{exact:?}\n{ray:?}\n{:?}", prism.base());
+                    }
+                    differ += 1;
+                }
+            }
+        }
+        println!(
+            "{} rays, {hits} hits, {} scans, {} cap hits, {differ} differ",
+            total.prisms, total.scans, total.cap_hits
+        );
+        assert!(hits > u64::from(count), "the rays are no test: {hits} hits");
+        assert_eq!(differ, 0, "first: {first}");
+    }
+
+    #[test]
+    fn parallel_normals() {
+        compare(1, 20_000, 0.0, 0.3);
+    }
+
+    #[test]
+    fn leaning_normals() {
+        compare(2, 20_000, 0.3, 0.3);
+    }
+
+    #[test]
+    fn gently_leaning_normals() {
+        compare(3, 20_000, 0.05, 0.1);
+    }
+
+    #[test]
+    fn wild_normals() {
+        compare(4, 10_000, 1.5, 1.0);
+    }
 }

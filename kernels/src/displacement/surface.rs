@@ -131,20 +131,24 @@ impl BaseTriangle {
         let h = field.height(self.uv(w));
         let length = sqrt(dot(n, n));
         let lift = if length > 0.0 { h / length } else { 0.0 };
-        MicroVertex { position: fma3(lift, n, p), lift }
+        MicroVertex {
+            position: fma3(lift, n, p),
+            lift,
+        }
     }
 
     /// The three micro-vertices of a cell, in its order.
     #[inline]
     pub fn micro_triangle(&self, field: &HeightField<'_>, cell: Cell) -> [MicroVertex; 3] {
-        let (j0, k0) = cell.vertex(0);
-        let (j1, k1) = cell.vertex(1);
-        let (j2, k2) = cell.vertex(2);
-        [
-            self.micro_vertex(field, j0, k0),
-            self.micro_vertex(field, j1, k1),
-            self.micro_vertex(field, j2, k2),
-        ]
+        // A loop, so that the code of a micro-vertex stands in a kernel once and not three times.
+        let mut corners = [MicroVertex::default(); 3];
+        let mut e = 0;
+        while e < 3 {
+            let (j, k) = cell.vertex(e);
+            corners[e as usize] = self.micro_vertex(field, j, k);
+            e += 1;
+        }
+        corners
     }
 
     /// The nearer of `nearest` and the ray's hit on the micro-triangle (a, b, c) of `cell`.
@@ -164,7 +168,13 @@ impl BaseTriangle {
         if left || !hit.t.is_finite() {
             return nearest;
         }
-        nearest.nearer(Hit { t: hit.t, primitive: self.primitive, cell: packed, b1: hit.b1, b2: hit.b2 })
+        nearest.nearer(Hit {
+            t: hit.t,
+            primitive: self.primitive,
+            cell: packed,
+            b1: hit.b1,
+            b2: hit.b2,
+        })
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
@@ -174,10 +184,16 @@ impl BaseTriangle {
     /// >= 1 - 2 (1 - c) / 3, since the w_i w_j add up to at most 1/3.
     #[inline]
     pub fn shortest_normal(&self) -> f32 {
-        let c = dot(self.n0, self.n1).min(dot(self.n1, self.n2)).min(dot(self.n2, self.n0));
+        let c = dot(self.n0, self.n1)
+            .min(dot(self.n1, self.n2))
+            .min(dot(self.n2, self.n0));
         // Stored unit normals are off by some 1e-7; so are the dot products.
         let squared = (1.0 + 2.0 * c) / 3.0 - 1e-6;
-        if squared > 0.01 { sqrt(squared) * (1.0 - 1e-6) } else { 0.0 }
+        if squared > 0.01 {
+            sqrt(squared) * (1.0 - 1e-6)
+        } else {
+            0.0
+        }
     }
 
     /// Bounds on the lift of every micro-vertex: heights widened by 1 / min |n| (DESIGN's hull for normalised
@@ -195,7 +211,10 @@ impl BaseTriangle {
     /// height (directions are unit vectors). Padded by what rounding can move a micro-vertex.
     pub fn bounds(&self, displacement: &Displacement) -> Aabb {
         let reach = displacement.height_min.abs().max(displacement.height_max.abs());
-        let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
+        let flat = Aabb::EMPTY
+            .including(self.p0)
+            .including(self.p1)
+            .including(self.p2);
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
         // result of some 6 operations of which Vulkan allows two (division, root) 2.5 ulp: below 24 u in all.
         let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
@@ -220,4 +239,112 @@ impl BaseTriangle {
 /// [`BaseTriangle::bounds`] of a stored triangle.
 pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle, displacement: &Displacement) -> Aabb {
     BaseTriangle::load(vertices, triangle, 0).bounds(displacement)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::tests::Numbers;
+    use crate::test_scene::{FLAT, TestScene};
+
+    /// One triangle with normals that lean by up to `spread`, a random 8x8 map, somewhere up to 1000 units away.
+    fn random_scene(numbers: &mut Numbers, spread: f32) -> TestScene {
+        let mut scene = TestScene::squares(&[0.0]);
+        let offset = numbers.vec3() * if numbers.unit() < 0.5 { 0.0 } else { 1000.0 };
+        let size = (numbers.unit() * 20.0 - 10.0).exp2();
+        scene.vertices = (0..3)
+            .map(|_| Vertex {
+                position: offset + numbers.vec3() * size,
+                normal: (Vec3::Z + numbers.vec3() * spread).normalize(),
+                u: numbers.unit() * 5.0,
+                v: numbers.unit() * 5.0,
+            })
+            .collect();
+        let texels: Vec<f32> = (0..64).map(|_| numbers.unit()).collect();
+        let d = &mut scene.frame.displacement;
+        (d.map_width, d.map_height, d.subdivisions) = (8, 8, 1 + (numbers.unit() * 16.0) as u32);
+        (d.scale, d.zero) = (numbers.wide().clamp(-2.0, 2.0) * size, numbers.unit());
+        (d.height_min, d.height_max) = Displacement::height_range(0.0, 1.0, d.zero, d.scale);
+        scene.height_texels = texels.into_iter().map(f32::to_bits).collect();
+        scene
+    }
+
+    #[test]
+    fn every_micro_vertex_lies_in_the_bounds() {
+        let mut numbers = Numbers::new(21);
+        for round in 0..20_000 {
+            let scene = random_scene(&mut numbers, [0.0, 0.1, 0.5, 2.0, 100.0][round % 5]);
+            let view = scene.view();
+            let field = HeightField::new(&view, FLAT);
+            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+            let bounds = base.bounds(&scene.frame.displacement);
+            let n = scene.frame.displacement.subdivisions;
+            for j in 0..=n {
+                for k in 0..=n - j {
+                    let q = base.micro_vertex(&field, j, k).position;
+                    assert!(
+                        q.cmpge(bounds.min).all() && q.cmple(bounds.max).all(),
+                        "{q} {bounds:?} {base:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn interpolated_normals_are_no_shorter_than_the_bound() {
+        let mut numbers = Numbers::new(22);
+        let mut proven = 0;
+        for _ in 0..20_000 {
+            let scene = random_scene(&mut numbers, 3.0);
+            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+            let shortest = base.shortest_normal();
+            proven += u32::from(shortest > 0.0);
+            for _ in 0..20 {
+                let (b, c) = (numbers.unit(), numbers.unit());
+                let (b, c) = if b + c > 1.0 { (1.0 - b, 1.0 - c) } else { (b, c) };
+                let n = interpolate(Vec3::new(1.0 - b - c, b, c), base.n0, base.n1, base.n2);
+                assert!(n.length() >= shortest, "{n} {shortest} {base:?}");
+            }
+        }
+        assert!(proven > 5_000, "{proven}");
+    }
+
+    #[test]
+    fn opposite_normals_do_not_displace_where_they_cancel() {
+        let mut scene = TestScene::squares(&[0.0]);
+        (scene.vertices[0].normal, scene.vertices[1].normal) = (Vec3::Z, -Vec3::Z);
+        scene.frame.displacement.subdivisions = 2;
+        scene.frame.displacement.scale = -1.0;
+        scene.frame.displacement.zero = 1.0;
+        let view = scene.view();
+        let field = HeightField::new(&view, FLAT);
+        let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+        assert_eq!(base.shortest_normal(), 0.0);
+        // Halfway along the edge from vertex 0 to vertex 1.
+        let middle = base.micro_vertex(&field, 1, 0);
+        assert_eq!((middle.lift, middle.position), (0.0, Vec3::new(0.0, -1.0, 0.0)));
+        assert_eq!(
+            base.micro_vertex(&field, 0, 0).position,
+            Vec3::new(-1.0, -1.0, 1.0)
+        );
+    }
+
+    #[test]
+    fn height_range_holds_every_filtered_height() {
+        let mut numbers = Numbers::new(23);
+        for _ in 0..20_000 {
+            let scene = random_scene(&mut numbers, 0.0);
+            let view = scene.view();
+            let field = HeightField::new(&view, FLAT);
+            let texels = scene.height_texels.iter().map(|&t| f32::from_bits(t));
+            let (low, high) = texels.fold((1.0_f32, 0.0_f32), |(a, b), t| (a.min(t), b.max(t)));
+            let d = &scene.frame.displacement;
+            let (min, max) = Displacement::height_range(low, high, d.zero, d.scale);
+            for _ in 0..20 {
+                let h = field.height(Vec2::new(numbers.wide(), numbers.unit()));
+                assert!(h >= min && h <= max, "{h} {min} {max}");
+            }
+        }
+    }
 }
