@@ -430,3 +430,6 @@ fn srgb_from_linear(linear: f32) -> f32 {
         1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -79,7 +79,8 @@ impl Lattice {
             .min_by(|a, b| a.1.length_squared().total_cmp(&b.1.length_squared()))
             .unwrap_or((home, Vec2::ZERO));
         let border = square(2)
-            .filter(|&step| step != IVec2::ZERO)
+            // The centres of the outermost corners are too far off to be neighbours.
+            .filter(|&step| step != IVec2::ZERO && step.length_squared() < 8)
             .map(|step| {
                 let other = p - self.center(nearest + step);
                 // From one centre to the other, and the point's distance to the middle between them.

@@ -21,7 +21,7 @@ const WINDING: f64 = 0.5;
 /// Texels along the tube: nine times those around it, as the tube's length is to its circumference.
 const MAP_WIDTH: u32 = 9 * MAP_HEIGHT;
 /// Texels around the tube.
-const MAP_HEIGHT: u32 = 448;
+const MAP_HEIGHT: u32 = 384;
 /// Map coordinates of the patterns: cells along and around the tube, of the same size in both directions.
 const CELLS: Vec2 = Vec2::new(9.0, 1.0);
 
@@ -184,23 +184,29 @@ fn fractal(uv: Vec2, scale: i32, octaves: u32, seed: u32) -> f32 {
     lattice.fractal(p, octaves)
 }
 
-/// Height and linear colour at a point of the map.
+/// Height and linear colour at a point of the map: large pebbles, small ones in the gaps between them.
 fn texel(uv: Vec2) -> (f32, Vec3) {
-    // Bend the map a little, so that no pebble's side is straight.
-    let bend = Vec2::new(fractal(uv, 6, 2, 21), fractal(uv, 6, 2, 22));
-    let bent = uv + 0.035 * bend / CELLS;
-    let large = pebble(bent, 7, 1);
-    let small = pebble(bent, 19, 2);
-    let rough = fractal(uv, 24, 4, 5);
-
-    let gap = 1.0 - smoothstep(0.0, 0.55, large.dome);
-    let height = 0.1 + 0.74 * large.dome * large.size + 0.2 * gap * small.dome * small.size + 0.035 * rough;
-    (height.clamp(0.0, 1.0), color(uv, &large, &small, gap, rough))
+    let rough = fractal(uv, 20, 4, 5);
+    let large = pebble(uv, 6, 1, 0.1);
+    let gap = 1.0 - smoothstep(0.0, 0.3, large.dome);
+    // The small ones cost as much as the large ones and are seen in the gaps alone.
+    let small = if gap > 0.0 {
+        pebble(uv, 22, 2, 0.03)
+    } else {
+        Pebble::default()
+    };
+    let bed = 0.04 + gap * 0.3 * small.dome * small.size;
+    let height = (0.9 * large.dome * large.size).max(bed) + 0.03 * rough * (0.4 + 0.6 * large.dome);
+    (
+        (height + 0.02).clamp(0.0, 1.0),
+        color(uv, &large, &small, gap, rough),
+    )
 }
 
 /// A pebble of a cellular pattern.
+#[derive(Default)]
 struct Pebble {
-    /// Its profile, 0 at its border to 1 on top.
+    /// Its profile, 0 in the gap around it to 1 on top.
     dome: f32,
     /// Its own height, to be multiplied with the profile.
     size: f32,
@@ -208,30 +214,30 @@ struct Pebble {
     tone: f32,
 }
 
-/// The pebble at a point, `scale` of them around the tube.
-fn pebble(uv: Vec2, scale: i32, seed: u32) -> Pebble {
+/// The pebble at a point, `scale` of them around the tube and half a `gap` away from the cell's border. Distances
+/// are in cells.
+fn pebble(uv: Vec2, scale: i32, seed: u32, gap: f32) -> Pebble {
     let (lattice, p) = at_scale(uv, scale, seed);
     let Cell { border, offset, id } = lattice.cellular(p);
-    let rise = (border / 0.34).min(1.0);
-    let round = (1.0 - (1.0 - rise).powi(2)).sqrt();
-    // Domes stay round on top of where the border is far.
-    let crown = 1.0 - 0.35 * offset.length_squared();
+    // Round the cell's corners: near one the border is close though the centre is far.
+    let rounded = border - gap * (0.25 + offset.length_squared());
+    let rise = (rounded / 0.36).clamp(0.0, 1.0);
     Pebble {
-        dome: round * crown.max(0.0),
-        size: lerp(0.62, 1.0, unit(mix(id ^ 0x9e37))),
+        dome: (1.0 - (1.0 - rise).powi(2)).sqrt(),
+        size: lerp(0.6, 1.0, unit(mix(id ^ 0x9e37))),
         tone: unit(mix(id ^ 0x51ed)),
     }
 }
 
-/// The linear colour: bands of teal, jade and sand along the tube, each pebble in its own tone, dark between them.
+/// The linear colour: teal, jade, sand and coral drift along the tube, each pebble in its own tone, the crests
+/// worn lighter and the gaps dark with their own small rust-coloured pebbles.
 fn color(uv: Vec2, large: &Pebble, small: &Pebble, gap: f32, rough: f32) -> Vec3 {
-    let drift = 0.5 + 0.55 * fractal(uv, 2, 2, 31) + 0.3 * (large.tone - 0.5);
+    let drift = 0.47 + 0.6 * fractal(uv, 2, 2, 31) + 0.34 * (large.tone - 0.5);
     let stone = palette(drift.clamp(0.0, 1.0)) * (0.8 + 0.4 * large.tone);
-    let crest = smoothstep(0.35, 1.0, large.dome * large.size);
-    let stone = stone * lerp(0.55, 1.15, crest) + Vec3::splat(0.05) * crest * crest;
-    let crevice =
-        Vec3::new(0.012, 0.016, 0.022).lerp(Vec3::new(0.36, 0.1, 0.045), smoothstep(0.3, 0.9, small.dome));
-    stone.lerp(crevice, smoothstep(0.25, 0.95, gap)) * (1.0 + 0.22 * rough)
+    let crest = smoothstep(0.3, 1.0, large.dome);
+    let stone = stone * lerp(0.45, 1.2, crest) + Vec3::splat(0.035) * crest * crest;
+    let small = palette(0.7 + 0.3 * small.tone) * lerp(0.06, 0.75, small.dome);
+    stone.lerp(small, smoothstep(0.1, 0.8, gap)) * (1.0 + 0.3 * rough)
 }
 
 /// A walk through the knot's colours, in linear light.

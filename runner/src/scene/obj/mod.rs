@@ -100,3 +100,6 @@ fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = Vertex> {
             v,
         })
 }
+
+#[cfg(test)]
+mod tests;
