@@ -1,4 +1,5 @@
 //! Emboss renders displacement-mapped triangle meshes without tessellating them.
+#![deny(unsafe_code)]
 
 pub mod backend;
 pub mod bvh;
