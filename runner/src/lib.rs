@@ -3,4 +3,10 @@
 
 pub mod backend;
 pub mod bvh;
+pub mod cli;
+pub mod framing;
+pub mod picture;
+pub mod render;
 pub mod scene;
+pub mod settings;
+pub mod stats;

@@ -1,6 +1,7 @@
 //! Who runs the kernels: the CPU or a Vulkan device, behind one trait.
 
 pub mod cpu;
+pub mod select;
 pub mod vulkan;
 
 use emboss_kernels::interface::{BvhNode, Frame, Intersection, PointLight, Ray, Triangle, Vertex, counter};
