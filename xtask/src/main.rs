@@ -10,6 +10,7 @@ mod toolchain;
 
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 /// Emboss's own build steps.
 #[derive(Parser)]
@@ -56,8 +57,19 @@ enum Command {
     },
 }
 
-fn main() -> anyhow::Result<()> {
-    match Arguments::parse().command {
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            process::complain(&format!("error: {error:#}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Does what was asked for.
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
         Command::Spirv { check: true, .. } => spirv::check(),
         Command::Spirv { debug: true, .. } => spirv::build_debug(),
         Command::Spirv { .. } => spirv::build(),
