@@ -3,14 +3,15 @@
 use crate::debian::{has_apt, is_root};
 use crate::process::{cargo, run as run_command, run_listening, say};
 use crate::{spirv, toolchain};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// What all tests have in their names that dispatch on a Vulkan device, or in the module they stand in.
-const VULKAN_TESTS: &str = "vulkan";
+/// What marks tests that dispatch on a Vulkan device: unit tests have it in the path of their module, files of
+/// `tests/tests` begin with it.
+const VULKAN: &str = "vulkan";
 
 /// A step, in the order in which CI takes them: what is quick and often wrong comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
@@ -38,16 +39,22 @@ pub(crate) fn run(steps: &[Step]) -> Result<()> {
     steps.dedup();
     let mut summary = Vec::new();
     for step in steps {
-        say(&format!("\n== {step:?}"));
+        let name = step.name();
+        say(&format!("\n== {name}"));
         let start = Instant::now();
-        let result = step.run().with_context(|| format!("step {step:?} failed"))?;
-        summary.push(format!("{:<10}{:>5} s   {result}", format!("{step:?}"), start.elapsed().as_secs()));
+        let result = step.run().with_context(|| format!("step {name} failed"))?;
+        summary.push(format!("{name:<10}{:>5} s   {result}", start.elapsed().as_secs()));
     }
     say(&format!("\n{}", summary.join("\n")));
     Ok(())
 }
 
 impl Step {
+    /// How the command line spells it.
+    fn name(self) -> String {
+        format!("{self:?}").to_lowercase()
+    }
+
     /// Runs it. Returns what to say of it in the summary.
     fn run(self) -> Result<String> {
         match self {
@@ -61,7 +68,7 @@ impl Step {
                 let docs = ["doc", "--workspace", "--no-deps", "--document-private-items"];
                 passes(cargo().args(docs).env("RUSTDOCFLAGS", "-D warnings"))
             }
-            Self::Unit => cargo_test(cargo().args(["test", "--workspace", "--", "--skip", VULKAN_TESTS])),
+            Self::Unit => unit_tests(),
             Self::Vulkan => vulkan_tests(),
             Self::Spirv => check_spirv(),
         }
@@ -74,14 +81,46 @@ fn passes(command: &mut Command) -> Result<String> {
     Ok("ok".into())
 }
 
+/// Runs the tests that need no Vulkan device.
+fn unit_tests() -> Result<String> {
+    let mut units = cargo();
+    units.args(["test", "--workspace", "--exclude", "emboss-tests", "--", "--skip", VULKAN]);
+    let mut whole = cargo();
+    whole.args(["test", "--package", "emboss-tests", "--lib"]);
+    for name in test_programs()?.iter().filter(|name| !name.starts_with(VULKAN)) {
+        whole.args(["--test", name]);
+    }
+    cargo_test([units, whole])
+}
+
 /// Runs the tests on lavapipe, whatever other drivers the machine has.
 fn vulkan_tests() -> Result<String> {
     let driver = lavapipe().context("lavapipe is missing; run `cargo xtask test packages`")?;
-    let mut command = cargo();
-    command.args(["test", "--workspace", "--", VULKAN_TESTS]);
-    // The loader of bookworm and newer reads the second name, older ones the first.
-    command.env("VK_ICD_FILENAMES", &driver).env("VK_DRIVER_FILES", &driver);
-    cargo_test(&mut command)
+    let mut units = cargo();
+    units.args(["test", "--package", "emboss", "--", VULKAN]);
+    let mut whole = cargo();
+    whole.args(["test", "--package", "emboss-tests", "--test", &format!("{VULKAN}*")]);
+    for command in [&mut units, &mut whole] {
+        // Loaders before 1.3.207 know the first name, later ones prefer the second.
+        command.env("VK_ICD_FILENAMES", &driver).env("VK_DRIVER_FILES", &driver);
+    }
+    cargo_test([units, whole])
+}
+
+/// The names of the whole-program tests: the files of `tests/tests`.
+fn test_programs() -> Result<Vec<String>> {
+    let folder = xtask::workspace().join("tests/tests");
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(&folder).with_context(|| folder.display().to_string())? {
+        let path = entry?.path();
+        if let (Some(name), true) =
+            (path.file_stem(), path.extension().is_some_and(|extension| extension == "rs"))
+        {
+            names.push(name.to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    Ok(names)
 }
 
 /// Compares the committed module with the sources, where a toolchain is there to compile them.
@@ -96,12 +135,13 @@ fn check_spirv() -> Result<String> {
     }
 }
 
-/// Runs `cargo test`. Returns the totals over all test programs.
-fn cargo_test(command: &mut Command) -> Result<String> {
+/// Runs commands of `cargo test`. Returns the totals over all test programs.
+fn cargo_test(commands: [Command; 2]) -> Result<String> {
     let mut totals = Totals::default();
-    run_listening(command, |line| totals.add(line))?;
-    if totals.passed == 0 {
-        bail!("no test ran");
+    for mut command in commands {
+        let before = totals.passed;
+        run_listening(&mut command, |line| totals.add(line))?;
+        ensure!(totals.passed > before, "no test ran");
     }
     Ok(totals.to_string())
 }
