@@ -41,3 +41,36 @@ impl FilmPixel {
         (radiance + frame.background * behind).extend(self.alpha * scale + behind)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RED: Sample = Sample {
+        radiance: Vec3::new(2.0, 0.0, 0.0),
+        alpha: 1.0,
+    };
+
+    #[test]
+    fn resolved_pixel_is_the_mean_over_the_background() {
+        let half = FilmPixel::default().plus(RED).plus(Sample::default());
+        let mut frame = Frame {
+            background: Vec3::new(0.0, 0.0, 0.5),
+            ..Frame::default()
+        };
+        assert_eq!(half.resolve(&frame), Vec4::new(1.0, 0.0, 0.0, 0.5));
+        frame.background_alpha = 1.0;
+        assert_eq!(half.resolve(&frame), Vec4::new(1.0, 0.0, 0.25, 1.0));
+    }
+
+    #[test]
+    fn pixel_without_samples_is_the_background() {
+        let mut frame = Frame {
+            background: Vec3::ONE,
+            ..Frame::default()
+        };
+        assert_eq!(FilmPixel::default().resolve(&frame), Vec4::ZERO);
+        frame.background_alpha = 1.0;
+        assert_eq!(FilmPixel::default().resolve(&frame), Vec4::ONE);
+    }
+}

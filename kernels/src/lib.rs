@@ -1,18 +1,29 @@
 //! Everything of Emboss that runs on the GPU, and on the CPU from the same source.
 //!
-//! A kernel is a plain function over slices and `repr(C)` structs. `entry` wraps the ones that Vulkan dispatches;
-//! the CPU backend and the tests call the same functions.
-#![no_std]
+//! A kernel is a plain function over slices and `repr(C)` structs. [`entry`] wraps the ones that Vulkan
+//! dispatches; the CPU backend and the tests call the same functions.
+#![cfg_attr(target_arch = "spirv", no_std)]
 #![deny(unsafe_code)]
 
+pub mod aabb;
+pub mod barycentric;
+pub mod bilinear_patch;
+pub mod bvh;
 pub mod camera;
 pub mod counters;
 pub mod displacement;
 pub mod entry;
 pub mod film;
+pub mod hit;
 pub mod interface;
 pub mod math;
 pub mod probe;
+pub mod ray;
 pub mod render;
 pub mod sampler;
 pub mod scene;
+pub mod shading;
+#[cfg(test)]
+mod test_scene;
+pub mod texture;
+pub mod triangle;

@@ -1,6 +1,114 @@
 //! Float and memory helpers: the only file in which the two targets differ.
 
 use crate::interface::Counter;
+use glam::Vec3;
+#[cfg(target_arch = "spirv")]
+use spirv_std::num_traits::Float;
+
+/// Unit roundoff of `f32`: half the distance from 1 to the next float.
+pub const UNIT_ROUNDOFF: f32 = f32::EPSILON * 0.5;
+
+/// Bound on the relative error of `n` roundings in sequence: n u / (1 - n u), u the unit roundoff (Higham, *Accuracy
+/// and Stability of Numerical Algorithms*, 2nd ed., lemma 3.1).
+#[inline]
+pub const fn gamma(n: u32) -> f32 {
+    let nu = n as f32 * UNIT_ROUNDOFF;
+    nu / (1.0 - nu)
+}
+
+/// `a * b + c` without an intermediate rounding to `f32`. On SPIR-V the explicit `Fma` instruction: no driver may
+/// contract it differently in another copy of the code, which is what two triangles at an edge rely on. On the
+/// CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
+/// differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
+#[inline]
+pub fn fma(a: f32, b: f32, c: f32) -> f32 {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        (f64::from(a) * f64::from(b) + f64::from(c)) as f32
+    }
+    #[cfg(target_arch = "spirv")]
+    {
+        Float::mul_add(a, b, c)
+    }
+}
+
+/// `a * b + c` per component, `a` a scalar: see [`fma`].
+#[inline]
+pub fn fma3(a: f32, b: Vec3, c: Vec3) -> Vec3 {
+    Vec3::new(fma(a, b.x, c.x), fma(a, b.y, c.y), fma(a, b.z, c.z))
+}
+
+/// `a * b - c * d`, with the sign of the exact value, and `-difference_of_products(c, d, a, b)` to the bit or to
+/// the rounding of its last place. On SPIR-V by Kahan's method (error at most 1.5 ulp: Jeannerod, Louvet and
+/// Muller, *Math. Comp.* 82, 2013); where a driver does not fuse `Fma` it degrades to the plain difference, whose
+/// sign is still antisymmetric, so that an edge keeps one sign for both its triangles. On the CPU both products
+/// are exact in `f64`.
+#[inline]
+pub fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        (f64::from(a) * f64::from(b) - f64::from(c) * f64::from(d)) as f32
+    }
+    #[cfg(target_arch = "spirv")]
+    {
+        let cd = c * d;
+        let error = fma(-c, d, cd);
+        fma(a, b, -cd) + error
+    }
+}
+
+/// Cross product with each component within 1.5 ulp of the exact one, however much cancels.
+#[inline]
+pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    Vec3::new(
+        difference_of_products(a.y, b.z, a.z, b.y),
+        difference_of_products(a.z, b.x, a.x, b.z),
+        difference_of_products(a.x, b.y, a.y, b.x),
+    )
+}
+
+/// Dot product in a fixed order of fused operations: the same bits in every copy of the code.
+#[inline]
+pub fn dot(a: Vec3, b: Vec3) -> f32 {
+    fma(a.z, b.z, fma(a.y, b.y, a.x * b.x))
+}
+
+/// Square root; NaN below zero.
+#[inline]
+pub fn sqrt(x: f32) -> f32 {
+    x.sqrt()
+}
+
+/// The greatest integer not above `x`.
+#[inline]
+pub fn floor(x: f32) -> f32 {
+    x.floor()
+}
+
+/// Greatest absolute component.
+#[inline]
+pub fn max_abs(v: Vec3) -> f32 {
+    v.x.abs().max(v.y.abs()).max(v.z.abs())
+}
+
+/// The next float above a finite `x`.
+#[inline]
+pub fn next_up(x: f32) -> f32 {
+    let bits = x.to_bits();
+    if x == 0.0 {
+        f32::from_bits(1)
+    } else if bits >> 31 == 0 {
+        f32::from_bits(bits + 1)
+    } else {
+        f32::from_bits(bits - 1)
+    }
+}
+
+/// The next float below a finite `x`.
+#[inline]
+pub fn next_down(x: f32) -> f32 {
+    -next_up(-x)
+}
 
 /// `buffer[i]`. The caller guarantees `i < buffer.len()`: CPU builds check it, the SPIR-V build does not, since a
 /// bounds check on every load costs a quarter of a ray tracer's time and a failed one would end the invocation
@@ -20,14 +128,6 @@ pub fn at<T: Copy>(buffer: &[T], i: u32) -> T {
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked(buffer, i as usize)
     }
-}
-
-/// `a * b + c`, rounded once. On SPIR-V the explicit `Fma` instruction: no driver may contract it differently in
-/// another copy of the code, which is what two triangles at an edge rely on.
-#[inline]
-pub fn fma(a: f32, b: f32, c: f32) -> f32 {
-    use spirv_std::num_traits::Float;
-    Float::mul_add(a, b, c)
 }
 
 /// `buffer[i] = value`, checked like [`at`].
@@ -76,5 +176,86 @@ fn add_atomically(word: &mut u32, value: u32) -> u32 {
         spirv_std::arch::atomic_i_add::<u32, { Scope::QueueFamily as u32 }, { Semantics::NONE.bits() }>(
             word, value,
         )
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::sampler::{pcg4d, unit_float};
+    use glam::UVec4;
+
+    /// Seeded random numbers for tests.
+    pub(crate) struct Numbers(UVec4);
+
+    impl Numbers {
+        pub(crate) fn new(seed: u32) -> Self {
+            Numbers(UVec4::new(seed, 0, 0, 0))
+        }
+
+        /// Uniform in [0,1).
+        pub(crate) fn unit(&mut self) -> f32 {
+            self.0.y = self.0.y.wrapping_add(1);
+            unit_float(pcg4d(self.0).x)
+        }
+
+        /// Uniform in [-1,1)³.
+        pub(crate) fn vec3(&mut self) -> Vec3 {
+            Vec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - Vec3::ONE
+        }
+
+        /// A number of random sign and of magnitude 2^-40 to 2^40.
+        pub(crate) fn wide(&mut self) -> f32 {
+            (self.unit() * 2.0 - 1.0) * (self.unit() * 80.0 - 40.0).exp2()
+        }
+    }
+
+    #[test]
+    fn gamma_bounds_a_product_of_roundings() {
+        assert_eq!(gamma(1), UNIT_ROUNDOFF / (1.0 - UNIT_ROUNDOFF));
+        assert!(gamma(3) > 3.0 * UNIT_ROUNDOFF);
+    }
+
+    #[test]
+    fn difference_of_products_has_the_exact_sign_and_is_antisymmetric() {
+        let mut numbers = Numbers::new(7);
+        for _ in 0..100_000 {
+            let (a, b) = (numbers.wide(), numbers.wide());
+            // c d nearly equal to a b: the case in which the plain difference rounds to anything.
+            let c = a * (1.0 + numbers.unit() * 1e-6);
+            let d = b * (1.0 - numbers.unit() * 1e-6);
+            let exact = f64::from(a) * f64::from(b) - f64::from(c) * f64::from(d);
+            let got = difference_of_products(a, b, c, d);
+            assert_eq!(got.partial_cmp(&0.0), exact.partial_cmp(&0.0));
+            assert!((f64::from(got) - exact).abs() <= exact.abs() * f64::from(f32::EPSILON));
+            assert_eq!(got, -difference_of_products(c, d, a, b));
+        }
+    }
+
+    #[test]
+    fn fma_keeps_what_a_rounded_product_loses() {
+        let x = 1.0 + f32::EPSILON;
+        assert_eq!(
+            fma(x, x, -(1.0 + 2.0 * f32::EPSILON)),
+            f32::EPSILON * f32::EPSILON
+        );
+    }
+
+    #[test]
+    fn next_up_and_down_are_the_neighbours() {
+        for x in [0.0, -0.0, 1.0, -1.0, f32::MIN_POSITIVE, -1e-45, 1e30, -1e30] {
+            assert_eq!(next_up(x), f32::next_up(x));
+            assert_eq!(next_down(x), f32::next_down(x));
+        }
+    }
+
+    #[test]
+    fn counter_carries_into_its_upper_word() {
+        let mut counters = [Counter {
+            low: u32::MAX - 1,
+            high: 2,
+        }];
+        add_counter(&mut counters, 0, 3);
+        assert_eq!(counters[0], Counter { low: 1, high: 3 });
     }
 }

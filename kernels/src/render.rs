@@ -1,13 +1,16 @@
-//! A pixel's sample, from the camera to the film.
+//! A pixel's sample, from the camera to the film; a ray's intersection, for tests and tools.
 
+use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::film::Sample;
 use crate::interface::{Intersection, MISS, Ray};
+use crate::ray::TraversalRay;
 use crate::sampler::sample_2d;
 use crate::scene::{Features, SceneView};
-use glam::{Vec2, Vec3};
+use crate::shading::{SurfaceInteraction, shade_hit};
+use glam::Vec2;
 
-/// Sample number `sample` of pixel (x, y): one jittered camera ray, shaded.
+/// Sample number `sample` of pixel (x, y): one jittered camera ray, shaded. Nothing is hit: zero, transparent.
 #[inline]
 pub fn sample_pixel(
     scene: &SceneView<'_>,
@@ -23,22 +26,45 @@ pub fn sample_pixel(
         (x as f32 + jitter.x) / frame.width as f32,
         (y as f32 + jitter.y) / frame.height as f32,
     );
-    let direction = frame.camera.ray_direction(film);
+    let ray = TraversalRay::new(frame.camera.eye, frame.camera.ray_direction(film), f32::INFINITY);
     counts.primary_rays += 1;
-    let _ = features;
+    let hit = traverse(scene, features, &ray, Query::Nearest, counts);
+    if !hit.is_some() {
+        return Sample::default();
+    }
+    counts.hits += 1;
+    let steps = counts.triangles;
     Sample {
-        radiance: direction * 0.5 + Vec3::splat(0.5),
+        radiance: shade_hit(scene, features, &ray, hit, steps, counts),
         alpha: 1.0,
     }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.
 #[inline]
-pub fn trace_ray(_scene: &SceneView<'_>, _features: Features, ray: Ray, counts: &mut Counts) -> Intersection {
+pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &mut Counts) -> Intersection {
+    let (traversal_ray, length) = TraversalRay::from_ray(ray);
     counts.primary_rays += 1;
+    let hit = traverse(scene, features, &traversal_ray, Query::Nearest, counts);
+    if !hit.is_some() {
+        return Intersection {
+            t: f32::INFINITY,
+            primitive: MISS,
+            ..Intersection::default()
+        };
+    }
+    counts.hits += 1;
+    let surface = SurfaceInteraction::new(scene, features, hit);
     Intersection {
-        t: ray.t_max,
-        primitive: MISS,
-        ..Intersection::default()
+        point: surface.point,
+        t: hit.t / length,
+        normal: surface.ng,
+        primitive: hit.primitive,
+        point_error: surface.point_error,
+        cell: hit.cell,
+        b1: hit.b1,
+        b2: hit.b2,
+        u: surface.uv.x,
+        v: surface.uv.y,
     }
 }

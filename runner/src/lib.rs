@@ -1,5 +1,12 @@
 //! Emboss renders displacement-mapped triangle meshes without tessellating them.
+#![deny(unsafe_code)]
 
 pub mod backend;
 pub mod bvh;
+pub mod cli;
+pub mod framing;
+pub mod picture;
+pub mod render;
 pub mod scene;
+pub mod settings;
+pub mod stats;

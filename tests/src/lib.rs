@@ -1,1 +1,5 @@
-//! Whole-program tests of Emboss.
+//! Whole-program tests of Emboss, and what they share.
+
+mod lavapipe;
+
+pub use lavapipe::{finish, lavapipe};

@@ -1,15 +1,350 @@
-//! The micro-triangle surface.
+//! The micro-triangle surface: what every method intersects.
 
-use crate::interface::{Displacement, Triangle, Vertex};
-use crate::math::at;
-use glam::Vec3;
+use crate::aabb::Aabb;
+use crate::barycentric::{grid_point, interpolate, interpolate2};
+use crate::displacement::cell::Cell;
+use crate::hit::Hit;
+use crate::interface::{Displacement, FLIPPED, Triangle, Vertex};
+use crate::math::{UNIT_ROUNDOFF, at, dot, fma3, max_abs, sqrt};
+use crate::ray::TraversalRay;
+use crate::scene::{Features, SceneView};
+use crate::texture::sample_height;
+use crate::triangle;
+use glam::{Vec2, Vec3};
 
-/// An axis-aligned box that holds every micro-triangle of a base triangle, whatever its heights in
-/// [`height_min`, `height_max`](Displacement) are.
-pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle, displacement: &Displacement) -> (Vec3, Vec3) {
-    let reach = displacement.height_min.abs().max(displacement.height_max.abs());
-    let p0 = at(vertices, triangle.vertices[0]).position;
-    let p1 = at(vertices, triangle.vertices[1]).position;
-    let p2 = at(vertices, triangle.vertices[2]).position;
-    (p0.min(p1).min(p2) - reach, p0.max(p1).max(p2) + reach)
+/// The height field over the base mesh: h(t) = scale (texel(t) - zero).
+#[derive(Clone, Copy)]
+pub struct HeightField<'a> {
+    texels: &'a [u32],
+    format: u32,
+    wrap: u32,
+    /// Scale, zero, N and the size of the map.
+    pub displacement: Displacement,
+}
+
+impl<'a> HeightField<'a> {
+    /// The height field of a scene.
+    #[inline]
+    pub fn new(scene: &SceneView<'a>, features: Features) -> Self {
+        HeightField {
+            texels: scene.height_texels,
+            format: features.height_format,
+            wrap: features.height_wrap,
+            displacement: scene.frame.displacement,
+        }
+    }
+
+    /// Height in model units at texture coordinates `uv`, which must be finite.
+    #[inline]
+    pub fn height(&self, uv: Vec2) -> f32 {
+        let d = &self.displacement;
+        let texel = sample_height(self.texels, self.format, self.wrap, d.map_width, d.map_height, uv);
+        d.scale * (texel - d.zero)
+    }
+}
+
+impl Displacement {
+    /// Bounds on every height that a map with texels in [`lowest`, `highest`] can give: rounded outward by the
+    /// errors of the bilinear filter (3 ulp, see [`sample_height`]) and of the two operations after it.
+    pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
+        let (a, b) = (scale * (lowest - zero), scale * (highest - zero));
+        let magnitude = lowest.abs().max(highest.abs()) + zero.abs();
+        let error = 16.0 * UNIT_ROUNDOFF * magnitude * scale.abs();
+        (a.min(b) - error, a.max(b) + error)
+    }
+}
+
+/// A base triangle with its vertices' attributes, in the stored (ascending) order.
+#[derive(Clone, Copy, Debug)]
+pub struct BaseTriangle {
+    /// Its index.
+    pub primitive: u32,
+    /// Whether the stored order is clockwise seen from outside.
+    pub flipped: bool,
+    /// Position of vertex 0.
+    pub p0: Vec3,
+    /// Position of vertex 1.
+    pub p1: Vec3,
+    /// Position of vertex 2.
+    pub p2: Vec3,
+    /// Unit normal of vertex 0.
+    pub n0: Vec3,
+    /// Unit normal of vertex 1.
+    pub n1: Vec3,
+    /// Unit normal of vertex 2.
+    pub n2: Vec3,
+    /// Texture coordinates of vertex 0.
+    pub t0: Vec2,
+    /// Texture coordinates of vertex 1.
+    pub t1: Vec2,
+    /// Texture coordinates of vertex 2.
+    pub t2: Vec2,
+}
+
+/// A vertex of the surface, over a point of the base triangle's grid.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MicroVertex {
+    /// Where it is: `p + lift * n`, p and n interpolated linearly over the base triangle.
+    pub position: Vec3,
+    /// Its height divided by the length of the interpolated normal n: 0 where n is zero, since there is no
+    /// direction to displace in.
+    pub lift: f32,
+}
+
+impl BaseTriangle {
+    /// Reads base triangle `primitive`.
+    #[inline]
+    pub fn load(vertices: &[Vertex], triangle: Triangle, primitive: u32) -> Self {
+        let a = at(vertices, triangle.vertices[0]);
+        let b = at(vertices, triangle.vertices[1]);
+        let c = at(vertices, triangle.vertices[2]);
+        BaseTriangle {
+            primitive,
+            flipped: triangle.flags & FLIPPED != 0,
+            p0: a.position,
+            p1: b.position,
+            p2: c.position,
+            n0: a.normal,
+            n1: b.normal,
+            n2: c.normal,
+            t0: Vec2::new(a.u, a.v),
+            t1: Vec2::new(b.u, b.v),
+            t2: Vec2::new(c.u, c.v),
+        }
+    }
+
+    /// Texture coordinates at barycentric coordinates `w`.
+    #[inline]
+    pub fn uv(&self, w: Vec3) -> Vec2 {
+        interpolate2(w, self.t0, self.t1, self.t2)
+    }
+
+    /// The micro-vertex over grid point (j, k).
+    ///
+    /// Every operation is fused or fixed in order, and [`interpolate`] drops the vertex across an edge, so both
+    /// base triangles at an edge compute its micro-vertices to the same bits wherever they share the vertices.
+    #[inline]
+    pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> MicroVertex {
+        let w = grid_point(j, k, field.displacement.subdivisions);
+        let p = interpolate(w, self.p0, self.p1, self.p2);
+        let n = interpolate(w, self.n0, self.n1, self.n2);
+        let h = field.height(self.uv(w));
+        let length = sqrt(dot(n, n));
+        let lift = if length > 0.0 { h / length } else { 0.0 };
+        MicroVertex {
+            position: fma3(lift, n, p),
+            lift,
+        }
+    }
+
+    /// The three micro-vertices of a cell, in its order.
+    #[inline]
+    pub fn micro_triangle(&self, field: &HeightField<'_>, cell: Cell) -> [MicroVertex; 3] {
+        // A loop, so that the code of a micro-vertex stands in a kernel once and not three times.
+        let mut corners = [MicroVertex::default(); 3];
+        let mut e = 0;
+        while e < 3 {
+            let (j, k) = cell.vertex(e);
+            corners[e as usize] = self.micro_vertex(field, j, k);
+            e += 1;
+        }
+        corners
+    }
+
+    /// The nearer of `nearest` and the ray's hit on the micro-triangle (a, b, c) of `cell`.
+    #[inline]
+    pub fn intersect_cell(
+        &self,
+        ray: &TraversalRay,
+        cell: Cell,
+        a: Vec3,
+        b: Vec3,
+        c: Vec3,
+        nearest: Hit,
+    ) -> Hit {
+        let packed = cell.pack();
+        let hit = triangle::intersect(ray, a, b, c, ray.t_max);
+        let left = self.primitive == ray.left_primitive && packed == ray.left_cell;
+        if left || !hit.t.is_finite() {
+            return nearest;
+        }
+        nearest.nearer(Hit {
+            t: hit.t,
+            primitive: self.primitive,
+            cell: packed,
+            b1: hit.b1,
+            b2: hit.b2,
+        })
+    }
+
+    /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
+    /// that none is proven.
+    ///
+    /// With unit normals whose cosines are at least c, |sum w_i n_i|² = 1 - 2 sum_{i<j} w_i w_j (1 - cos_ij)
+    /// >= 1 - 2 (1 - c) / 3, since the w_i w_j add up to at most 1/3.
+    #[inline]
+    pub fn shortest_normal(&self) -> f32 {
+        let c = dot(self.n0, self.n1)
+            .min(dot(self.n1, self.n2))
+            .min(dot(self.n2, self.n0));
+        // Stored unit normals are off by some 1e-7; so are the dot products.
+        let squared = (1.0 + 2.0 * c) / 3.0 - 1e-6;
+        if squared > 0.01 {
+            sqrt(squared) * (1.0 - 1e-6)
+        } else {
+            0.0
+        }
+    }
+
+    /// Bounds on the lift of every micro-vertex: heights widened by 1 / min |n| (DESIGN's hull for normalised
+    /// directions). `shortest` is a positive [`shortest_normal`](Self::shortest_normal).
+    #[inline]
+    pub fn lift_range(displacement: &Displacement, shortest: f32) -> (f32, f32) {
+        let (low, high) = (displacement.height_min, displacement.height_max);
+        (low.min(low / shortest), high.max(high / shortest))
+    }
+
+    /// A box that holds every micro-triangle with heights in the displacement's range.
+    ///
+    /// Two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of the lift's range
+    /// (every displaced point is a convex combination of them), and the base triangle's box grown by the greatest
+    /// height (directions are unit vectors). Padded by what rounding can move a micro-vertex.
+    pub fn bounds(&self, displacement: &Displacement) -> Aabb {
+        let reach = displacement.height_min.abs().max(displacement.height_max.abs());
+        let flat = Aabb::EMPTY
+            .including(self.p0)
+            .including(self.p1)
+            .including(self.p2);
+        // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
+        // result of some 6 operations of which Vulkan allows two (division, root) 2.5 ulp: below 24 u in all.
+        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        let rounding = 24.0 * UNIT_ROUNDOFF * (magnitude + reach);
+        let grown = flat.padded(reach);
+        let shortest = self.shortest_normal();
+        if shortest == 0.0 {
+            return grown.padded(rounding);
+        }
+        let (low, high) = Self::lift_range(displacement, shortest);
+        let hull = Aabb::EMPTY
+            .including(self.p0 + self.n0 * low)
+            .including(self.p1 + self.n1 * low)
+            .including(self.p2 + self.n2 * low)
+            .including(self.p0 + self.n0 * high)
+            .including(self.p1 + self.n1 * high)
+            .including(self.p2 + self.n2 * high);
+        hull.intersection(grown).padded(rounding)
+    }
+}
+
+/// [`BaseTriangle::bounds`] of a stored triangle.
+pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle, displacement: &Displacement) -> Aabb {
+    BaseTriangle::load(vertices, triangle, 0).bounds(displacement)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::tests::Numbers;
+    use crate::test_scene::{FLAT, TestScene};
+
+    /// One triangle with normals that lean by up to `spread`, a random 8x8 map, somewhere up to 1000 units away.
+    fn random_scene(numbers: &mut Numbers, spread: f32) -> TestScene {
+        let mut scene = TestScene::squares(&[0.0]);
+        let offset = numbers.vec3() * if numbers.unit() < 0.5 { 0.0 } else { 1000.0 };
+        let size = (numbers.unit() * 20.0 - 10.0).exp2();
+        scene.vertices = (0..3)
+            .map(|_| Vertex {
+                position: offset + numbers.vec3() * size,
+                normal: (Vec3::Z + numbers.vec3() * spread).normalize(),
+                u: numbers.unit() * 5.0,
+                v: numbers.unit() * 5.0,
+            })
+            .collect();
+        let texels: Vec<f32> = (0..64).map(|_| numbers.unit()).collect();
+        let d = &mut scene.frame.displacement;
+        (d.map_width, d.map_height, d.subdivisions) = (8, 8, 1 + (numbers.unit() * 16.0) as u32);
+        (d.scale, d.zero) = (numbers.wide().clamp(-2.0, 2.0) * size, numbers.unit());
+        (d.height_min, d.height_max) = Displacement::height_range(0.0, 1.0, d.zero, d.scale);
+        scene.height_texels = texels.into_iter().map(f32::to_bits).collect();
+        scene
+    }
+
+    #[test]
+    fn every_micro_vertex_lies_in_the_bounds() {
+        let mut numbers = Numbers::new(21);
+        for round in 0..20_000 {
+            let scene = random_scene(&mut numbers, [0.0, 0.1, 0.5, 2.0, 100.0][round % 5]);
+            let view = scene.view();
+            let field = HeightField::new(&view, FLAT);
+            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+            let bounds = base.bounds(&scene.frame.displacement);
+            let n = scene.frame.displacement.subdivisions;
+            for j in 0..=n {
+                for k in 0..=n - j {
+                    let q = base.micro_vertex(&field, j, k).position;
+                    assert!(
+                        q.cmpge(bounds.min).all() && q.cmple(bounds.max).all(),
+                        "{q} {bounds:?} {base:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn interpolated_normals_are_no_shorter_than_the_bound() {
+        let mut numbers = Numbers::new(22);
+        let mut proven = 0;
+        for _ in 0..20_000 {
+            let scene = random_scene(&mut numbers, 3.0);
+            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+            let shortest = base.shortest_normal();
+            proven += u32::from(shortest > 0.0);
+            for _ in 0..20 {
+                let (b, c) = (numbers.unit(), numbers.unit());
+                let (b, c) = if b + c > 1.0 { (1.0 - b, 1.0 - c) } else { (b, c) };
+                let n = interpolate(Vec3::new(1.0 - b - c, b, c), base.n0, base.n1, base.n2);
+                assert!(n.length() >= shortest, "{n} {shortest} {base:?}");
+            }
+        }
+        assert!(proven > 5_000, "{proven}");
+    }
+
+    #[test]
+    fn opposite_normals_do_not_displace_where_they_cancel() {
+        let mut scene = TestScene::squares(&[0.0]);
+        (scene.vertices[0].normal, scene.vertices[1].normal) = (Vec3::Z, -Vec3::Z);
+        scene.frame.displacement.subdivisions = 2;
+        scene.frame.displacement.scale = -1.0;
+        scene.frame.displacement.zero = 1.0;
+        let view = scene.view();
+        let field = HeightField::new(&view, FLAT);
+        let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+        assert_eq!(base.shortest_normal(), 0.0);
+        // Halfway along the edge from vertex 0 to vertex 1.
+        let middle = base.micro_vertex(&field, 1, 0);
+        assert_eq!((middle.lift, middle.position), (0.0, Vec3::new(0.0, -1.0, 0.0)));
+        assert_eq!(
+            base.micro_vertex(&field, 0, 0).position,
+            Vec3::new(-1.0, -1.0, 1.0)
+        );
+    }
+
+    #[test]
+    fn height_range_holds_every_filtered_height() {
+        let mut numbers = Numbers::new(23);
+        for _ in 0..20_000 {
+            let scene = random_scene(&mut numbers, 0.0);
+            let view = scene.view();
+            let field = HeightField::new(&view, FLAT);
+            let texels = scene.height_texels.iter().map(|&t| f32::from_bits(t));
+            let (low, high) = texels.fold((1.0_f32, 0.0_f32), |(a, b), t| (a.min(t), b.max(t)));
+            let d = &scene.frame.displacement;
+            let (min, max) = Displacement::height_range(low, high, d.zero, d.scale);
+            for _ in 0..20 {
+                let h = field.height(Vec2::new(numbers.wide(), numbers.unit()));
+                assert!(h >= min && h <= max, "{h} {min} {max}");
+            }
+        }
+    }
 }

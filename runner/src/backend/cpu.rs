@@ -1,1 +1,432 @@
-//! The CPU backend.
+//! The CPU backend: the kernels as plain functions, spread over the processor's threads by rayon.
+
+use super::{Backend, BackendError, DeviceInfo, DeviceKind, SceneBuffers, Totals};
+use emboss_kernels::counters::Counts;
+use emboss_kernels::interface::{FilmPixel, Frame, Intersection, Ray, counter, method};
+use emboss_kernels::probe;
+use emboss_kernels::render::{sample_pixel, trace_ray};
+use emboss_kernels::scene::{Features, SceneView};
+use glam::Vec4;
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+
+/// Pixels of a tile, a run of the film in row-major order. Small enough that threads end together and that Ctrl-C
+/// is heard soon, large enough that handing out tiles costs nothing beside tracing them; between 256 and 4096
+/// there is no difference to measure.
+const TILE_PIXELS: usize = 1024;
+
+/// Runs the kernels on the processor.
+pub struct CpuBackend {
+    device: DeviceInfo,
+    scene: SceneBuffers,
+    frame: Frame,
+    features: Features,
+    film: Vec<FilmPixel>,
+    totals: Totals,
+}
+
+impl CpuBackend {
+    /// The backend on all threads of rayon's global pool, without a scene.
+    pub fn new() -> CpuBackend {
+        CpuBackend {
+            device: device_info(),
+            scene: SceneBuffers::default(),
+            frame: Frame::default(),
+            features: Features::default(),
+            film: Vec::new(),
+            totals: Totals::default(),
+        }
+    }
+}
+
+impl Default for CpuBackend {
+    fn default() -> Self {
+        CpuBackend::new()
+    }
+}
+
+/// What `emboss devices` says of the processor.
+pub fn device_info() -> DeviceInfo {
+    DeviceInfo {
+        backend: "cpu",
+        name: processor_name().unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
+        kind: DeviceKind::Cpu,
+        details: format!("{} threads", rayon::current_num_threads()),
+    }
+}
+
+/// The processor's name where the system tells it in a file.
+fn processor_name() -> Option<String> {
+    let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = cpuinfo.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+impl Backend for CpuBackend {
+    fn device(&self) -> &DeviceInfo {
+        &self.device
+    }
+
+    fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
+        // The old scene goes first, so that two need not fit side by side.
+        self.scene = SceneBuffers::default();
+        self.film = Vec::new();
+        self.scene = copy_scene(scene)?;
+        self.film = cleared_film(frame)?;
+        self.frame = *frame;
+        self.features = features;
+        self.totals = Totals::default();
+        Ok(())
+    }
+
+    fn add_sample(
+        &mut self,
+        sample: u32,
+        progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, BackendError> {
+        let scene = view(&self.scene, &self.frame);
+        let pass = Pass {
+            scene,
+            features: self.features,
+            sample,
+        };
+        let counted = self.features.counters != 0;
+        // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
+        let (flow, totals) = match self.features.method {
+            method::NONE => pass.run::<{ method::NONE }>(&mut self.film, progress),
+            method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(&mut self.film, progress),
+            _ => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
+        };
+        add_totals(&mut self.totals, &totals, counted);
+        Ok(flow)
+    }
+
+    fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
+        let mut picture = reserved("the picture", self.film.len())?;
+        let frame = &self.frame;
+        self.film
+            .par_iter()
+            .map(|pixel| pixel.resolve(frame))
+            .collect_into_vec(&mut picture);
+        Ok(picture)
+    }
+
+    fn totals(&mut self) -> Result<Totals, BackendError> {
+        Ok(self.totals)
+    }
+
+    fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
+        let mut hits = reserved("intersections", rays.len())?;
+        let (scene, features) = (view(&self.scene, &self.frame), self.features);
+        rays.par_iter()
+            .map(|&ray| {
+                let mut counts = Counts::default();
+                (trace_ray(&scene, features, ray, &mut counts), counts)
+            })
+            .collect_into_vec(&mut hits);
+        let mut totals = Totals::default();
+        hits.iter()
+            .for_each(|(_, counts)| add_counts(&mut totals, *counts));
+        add_totals(&mut self.totals, &totals, features.counters != 0);
+        Ok(hits.into_iter().map(|(hit, _)| hit).collect())
+    }
+
+    fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError> {
+        let words = count as usize * probe::OUT_STRIDE as usize;
+        let mut output = reserved("probe results", words)?;
+        output.resize(words, 0);
+        (0..count).for_each(|i| probe::run(kernel, input, &mut output, i));
+        Ok(output)
+    }
+}
+
+/// One sample of every pixel.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    scene: SceneView<'a>,
+    features: Features,
+    sample: u32,
+}
+
+impl Pass<'_> {
+    /// Adds the sample to `film`, tile by tile on the threads of the pool. This thread hands out the tiles and then
+    /// waits for them one by one to call `progress`, which need not be `Send`; it must not be a thread of the pool.
+    fn run<const METHOD: u32>(
+        self,
+        film: &mut [FilmPixel],
+        progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+    ) -> (ControlFlow<()>, Totals) {
+        let tiles = film.len().div_ceil(TILE_PIXELS);
+        let stopped = AtomicBool::new(false);
+        let (mut flow, mut totals) = (ControlFlow::Continue(()), Totals::default());
+        rayon::in_place_scope(|scope| {
+            let (sender, finished) = mpsc::channel();
+            for (tile, pixels) in film.chunks_mut(TILE_PIXELS).enumerate() {
+                let (sender, stopped) = (sender.clone(), &stopped);
+                scope.spawn(move |_| {
+                    if !stopped.load(Ordering::Relaxed) {
+                        let counts = self.tile::<METHOD>(tile * TILE_PIXELS, pixels);
+                        // The receiver outlives the scope's tiles; were it gone, no one would want the counts.
+                        let _ = sender.send(counts);
+                    }
+                });
+            }
+            drop(sender);
+            for (done, counts) in finished.iter().enumerate() {
+                add(&mut totals, &counts);
+                if flow.is_continue() {
+                    flow = progress((done + 1) as f32 / tiles as f32);
+                    stopped.store(flow.is_break(), Ordering::Relaxed);
+                }
+            }
+        });
+        (flow, totals)
+    }
+
+    /// Adds the sample to the pixels from number `first` on; returns the work it took.
+    fn tile<const METHOD: u32>(self, first: usize, pixels: &mut [FilmPixel]) -> Totals {
+        let features = Features {
+            method: METHOD,
+            ..self.features
+        };
+        let width = self.scene.frame.width as usize;
+        let mut totals = Totals::default();
+        for (i, pixel) in (first..).zip(pixels) {
+            let mut counts = Counts::default();
+            let sample = sample_pixel(
+                &self.scene,
+                features,
+                word(i % width),
+                word(i / width),
+                self.sample,
+                &mut counts,
+            );
+            *pixel = pixel.plus(sample);
+            add_counts(&mut totals, counts);
+        }
+        totals
+    }
+}
+
+/// The buffers as the kernels see them.
+fn view<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> SceneView<'a> {
+    SceneView {
+        frame,
+        vertices: &scene.vertices,
+        triangles: &scene.triangles,
+        nodes: &scene.nodes,
+        primitives: &scene.primitives,
+        height_texels: &scene.height_texels,
+        color_texels: &scene.color_texels,
+        lights: &scene.lights,
+    }
+}
+
+/// Adds a pixel's counts.
+fn add_counts(totals: &mut Totals, counts: Counts) {
+    for (total, count) in totals.iter_mut().zip(counts.to_array()) {
+        *total += u64::from(count);
+    }
+}
+
+/// Adds a tile's totals.
+fn add(totals: &mut Totals, more: &Totals) {
+    totals
+        .iter_mut()
+        .zip(more)
+        .for_each(|(total, count)| *total += count);
+}
+
+/// Adds a pass's totals as the Vulkan entry points do: cap hits always, the rest where counting is asked for.
+fn add_totals(totals: &mut Totals, more: &Totals, counted: bool) {
+    if counted {
+        add(totals, more);
+    } else {
+        totals[counter::CAP_HITS as usize] += more[counter::CAP_HITS as usize];
+    }
+}
+
+/// A film coordinate; a frame's width and height are `u32`.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "a coordinate is below the frame's width or height"
+)]
+fn word(coordinate: usize) -> u32 {
+    coordinate as u32
+}
+
+/// An empty film of the frame's size.
+fn cleared_film(frame: &Frame) -> Result<Vec<FilmPixel>, BackendError> {
+    let pixels = u64::from(frame.width) * u64::from(frame.height);
+    let len = usize::try_from(pixels).unwrap_or(usize::MAX);
+    let mut film = reserved("the film", len)?;
+    film.resize(len, FilmPixel::default());
+    Ok(film)
+}
+
+/// A copy of the scene, so that the caller's may go.
+fn copy_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
+    Ok(SceneBuffers {
+        vertices: copied("vertices", &scene.vertices)?,
+        triangles: copied("triangles", &scene.triangles)?,
+        nodes: copied("BVH nodes", &scene.nodes)?,
+        primitives: copied("BVH primitives", &scene.primitives)?,
+        height_texels: copied("the height map", &scene.height_texels)?,
+        color_texels: copied("the colour map", &scene.color_texels)?,
+        lights: copied("lights", &scene.lights)?,
+    })
+}
+
+fn copied<T: Copy>(name: &'static str, items: &[T]) -> Result<Vec<T>, BackendError> {
+    let mut copy = reserved(name, items.len())?;
+    copy.extend_from_slice(items);
+    Ok(copy)
+}
+
+/// An empty vector with room for `len` items, or an error that names what it was for.
+fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
+    let mut items = Vec::new();
+    items
+        .try_reserve_exact(len)
+        .map_err(|error| BackendError::Allocation {
+            name,
+            bytes: (len as u64).saturating_mul(size_of::<T>() as u64),
+            reason: error.to_string(),
+        })?;
+    Ok(items)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOING_ON: ControlFlow<()> = ControlFlow::Continue(());
+
+    fn loaded(width: u32, height: u32, features: Features) -> CpuBackend {
+        let camera = emboss_kernels::interface::Camera {
+            right: glam::Vec3::X,
+            up: glam::Vec3::Y,
+            forward: glam::Vec3::NEG_Z,
+            ..Default::default()
+        };
+        let frame = Frame {
+            camera,
+            width,
+            height,
+            seed: 7,
+            ..Frame::default()
+        };
+        let mut backend = CpuBackend::new();
+        backend
+            .load(&SceneBuffers::default(), &frame, features)
+            .expect("fits");
+        backend
+    }
+
+    fn counting() -> Features {
+        Features {
+            counters: 1,
+            method: method::NONE,
+            ..Features::default()
+        }
+    }
+
+    #[test]
+    fn every_pixel_gets_every_sample() {
+        // Wider than a tile, and no multiple of one.
+        let mut backend = loaded(1500, 3, counting());
+        for sample in 0..4 {
+            assert_eq!(
+                backend.add_sample(sample, &mut |_| GOING_ON).expect("runs"),
+                GOING_ON
+            );
+        }
+        assert!(backend.film.iter().all(|pixel| pixel.samples == 4));
+        let totals = backend.totals().expect("counted");
+        assert_eq!(totals[counter::PRIMARY_RAYS as usize], 1500 * 3 * 4);
+    }
+
+    /// Neither tiles nor threads show: the film is what one loop over its pixels gives.
+    #[test]
+    fn the_film_equals_that_of_a_plain_loop() {
+        let mut backend = loaded(1500, 3, counting());
+        let _ = backend.add_sample(5, &mut |_| GOING_ON);
+        let scene = view(&backend.scene, &backend.frame);
+        for (i, pixel) in backend.film.iter().enumerate() {
+            let (x, y) = (word(i % 1500), word(i / 1500));
+            let sample = sample_pixel(&scene, counting(), x, y, 5, &mut Counts::default());
+            assert_eq!(*pixel, FilmPixel::default().plus(sample), "pixel ({x}, {y})");
+        }
+    }
+
+    #[test]
+    fn progress_grows_to_one() {
+        let mut backend = loaded(640, 48, counting());
+        let mut shares = Vec::new();
+        let _ = backend.add_sample(0, &mut |share| {
+            shares.push(share);
+            GOING_ON
+        });
+        assert_eq!(shares.len(), 30);
+        assert!(shares.is_sorted());
+        assert_eq!(shares.last(), Some(&1.0));
+    }
+
+    #[test]
+    fn a_break_ends_the_pass_and_keeps_the_film() {
+        let mut backend = loaded(4096, 512, counting());
+        let flow = backend
+            .add_sample(0, &mut |_| ControlFlow::Break(()))
+            .expect("runs");
+        assert_eq!(flow, ControlFlow::Break(()));
+        let done = backend.film.iter().filter(|pixel| pixel.samples == 1).count();
+        assert!(
+            done >= TILE_PIXELS && done < backend.film.len(),
+            "{done} pixels done"
+        );
+        assert_eq!(
+            backend.totals().expect("counted")[counter::PRIMARY_RAYS as usize],
+            done as u64
+        );
+    }
+
+    #[test]
+    fn loading_clears_film_and_counters() {
+        let mut backend = loaded(16, 16, counting());
+        let _ = backend.add_sample(0, &mut |_| GOING_ON);
+        let frame = backend.frame;
+        backend
+            .load(&SceneBuffers::default(), &frame, counting())
+            .expect("fits");
+        assert!(backend.film.iter().all(|pixel| pixel.samples == 0));
+        assert_eq!(backend.totals().expect("counted"), Totals::default());
+    }
+
+    #[test]
+    fn without_counting_only_cap_hits_are_kept() {
+        let mut totals = Totals::default();
+        add_totals(&mut totals, &[3; counter::COUNT], false);
+        let expected = std::array::from_fn(|i| if i == counter::CAP_HITS as usize { 3 } else { 0 });
+        assert_eq!(totals, expected);
+    }
+
+    #[test]
+    fn memory_that_cannot_be_had_is_an_error() {
+        let error = reserved::<FilmPixel>("the film", usize::MAX / 32).expect_err("no machine has it");
+        assert!(
+            error.to_string().starts_with("no memory for the film ("),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn probes_run_the_kernel_on_each_item() {
+        let mut input = vec![0; 2 * probe::IN_STRIDE as usize];
+        input[probe::IN_STRIDE as usize] = 5;
+        let output = CpuBackend::new().probe(probe::PCG4D, &input, 2).expect("fits");
+        let expected = emboss_kernels::sampler::pcg4d(glam::UVec4::new(5, 0, 0, 0)).to_array();
+        assert_eq!(output[probe::OUT_STRIDE as usize..][..4], expected);
+    }
+}

@@ -1,6 +1,7 @@
 //! Who runs the kernels: the CPU or a Vulkan device, behind one trait.
 
 pub mod cpu;
+pub mod select;
 pub mod vulkan;
 
 use emboss_kernels::interface::{BvhNode, Frame, Intersection, PointLight, Ray, Triangle, Vertex, counter};
@@ -100,6 +101,12 @@ pub enum BackendError {
         /// What it was doing.
         what: &'static str,
     },
+    /// The validation layers were asked for and are not installed.
+    #[error(
+        "the Vulkan validation layers are not installed; install them (on Debian the package \
+         vulkan-validationlayers), or leave out --validate"
+    )]
+    NoValidation,
     /// Memory could not be had.
     #[error("no memory for {name} ({bytes} bytes): {reason}")]
     Allocation {

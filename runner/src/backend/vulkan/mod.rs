@@ -1,1 +1,258 @@
-//! The Vulkan backend.
+//! The Vulkan backend: the kernels on a graphics card, headless.
+//!
+//! Needs Vulkan 1.2's core with its memory model, nothing else; the loader is opened at run time. From the bottom
+//! up: `instance` and `validation`, `physical` (which device), `device` (the open device and handles that
+//! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
+//! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
+//! `resident` is a scene with its film.
+//!
+//! Everything runs on one queue, one submission at a time, and each is waited for. Hence between two submissions
+//! buffers can be dropped and descriptors written, and a program that ends leaves nothing running.
+#![expect(
+    unsafe_code,
+    reason = "Vulkan's calls are unsafe; each stands in a block of its own with the rule it keeps"
+)]
+#![warn(clippy::multiple_unsafe_ops_per_block)]
+
+mod buffer;
+mod commands;
+mod device;
+mod instance;
+mod pacer;
+mod physical;
+mod pipeline;
+mod programs;
+mod resident;
+mod tiles;
+mod transfers;
+mod validation;
+
+pub use validation::ValidationLog;
+
+use crate::backend::{Backend, BackendError, DeviceInfo, SceneBuffers, Totals};
+use buffer::{Buffer, Label};
+use bytemuck::cast_slice;
+use commands::Commands;
+use device::Device;
+use emboss_kernels::interface::{Counter, FilmPixel, Frame, Intersection, Ray, binding, counter};
+use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
+use emboss_kernels::scene::Features;
+use glam::Vec4;
+use instance::Instance;
+use pipeline::Kernel;
+use programs::Programs;
+use resident::Resident;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use transfers::Transfers;
+
+/// Rays that are on the device at a time; more are traced in turns, so that no number of rays is too large.
+/// 24 MiB with their intersections.
+const RAYS_AT_A_TIME: usize = 1 << 18;
+
+/// Which Vulkan device is wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Selection {
+    /// The best hardware device: discrete, then integrated, then virtual. Never a software one, which is slower
+    /// than the CPU backend; the error where there is no other names it.
+    #[default]
+    Auto,
+    /// An index into the list of [`devices`], or else a part of a name, in any case, of which the first match is
+    /// taken. May be a software device.
+    Named(String),
+}
+
+/// Every Vulkan device that fits, in the loader's order. Empty where drivers are installed and none of them offers
+/// such a device.
+///
+/// # Errors
+/// [`BackendError::NoDevice`] where there is no loader or no driver.
+pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
+    let instance = Instance::new(false)?;
+    Ok(physical::enumerate(&instance)?
+        .into_iter()
+        .map(|device| device.info)
+        .collect())
+}
+
+/// Runs kernels on a Vulkan device. A new one holds an empty scene and a film without pixels.
+pub struct VulkanBackend {
+    resident: Resident,
+    programs: Programs,
+    transfers: Transfers,
+    commands: Commands,
+    device: Arc<Device>,
+}
+
+impl VulkanBackend {
+    /// Opens the selected device, under the validation layers where `validate` is true.
+    ///
+    /// # Errors
+    /// [`BackendError::NoDevice`] where nothing matches `selection`, [`BackendError::NoValidation`] where the layers
+    /// are asked for and are not installed.
+    pub fn new(selection: &Selection, validate: bool) -> Result<Self, BackendError> {
+        let instance = Arc::new(Instance::new(validate)?);
+        let mut found = physical::enumerate(&instance)?;
+        let infos: Vec<_> = found.iter().map(|device| &device.info).collect();
+        let index = physical::choose(&infos, selection)?;
+        let device = Device::new(instance, found.swap_remove(index))?;
+        let commands = Commands::new(&device)?;
+        let mut transfers = Transfers::new(&device)?;
+        let resident = empty(&device, &commands, &mut transfers)?;
+        Ok(VulkanBackend {
+            resident,
+            programs: Programs::default(),
+            transfers,
+            commands,
+            device,
+        })
+    }
+
+    /// What the validation layers have said so far; empty where validation is off.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.validation_log().messages()
+    }
+
+    /// The list that the validation layers write to. It can be kept when the backend is dropped, and has then what
+    /// they say of that.
+    pub fn validation_log(&self) -> ValidationLog {
+        self.device.instance().log().clone()
+    }
+
+    /// The sum of samples of each pixel, row-major, top row first.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], or another error of the driver.
+    pub fn film(&mut self) -> Result<Vec<FilmPixel>, BackendError> {
+        let count = self.resident.pixels() as usize;
+        self.transfers
+            .read(&self.commands, self.resident.buffer(binding::FILM), count)
+    }
+
+    /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
+    fn buffer(&mut self, name: &'static str, bytes: usize, data: &[u8]) -> Result<Buffer, BackendError> {
+        let label = Label {
+            name,
+            remedy: "use fewer at a time",
+        };
+        let buffer = Buffer::for_kernels(&self.device, label, bytes as u64)?;
+        self.transfers.write(&self.commands, &buffer, data)?;
+        Ok(buffer)
+    }
+
+    /// Traces rays that fit on the device at a time.
+    fn trace_some(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
+        let origin = self.buffer("the rays", size_of_val(rays), cast_slice(rays))?;
+        let hits = self.buffer("the intersections", rays.len() * size_of::<Intersection>(), &[])?;
+        let program = self.programs.get(&self.device, Kernel::TraceRays)?;
+        program.pipeline().bind(|at| match at {
+            binding::RAYS => &origin,
+            binding::INTERSECTIONS => &hits,
+            _ => self.resident.buffer(at),
+        });
+        program.run_batches(&self.commands, length(rays), 0)?;
+        self.transfers.read(&self.commands, &hits, rays.len())
+    }
+}
+
+impl Backend for VulkanBackend {
+    fn device(&self) -> &DeviceInfo {
+        self.device.info()
+    }
+
+    fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
+        // The old scene goes first, to make room. After an error the backend holds an empty one.
+        self.resident = empty(&self.device, &self.commands, &mut self.transfers)?;
+        self.programs.set_features(features);
+        self.resident = Resident::new(&self.device, &self.commands, &mut self.transfers, scene, frame)?;
+        // Compiled here so that their time is not part of the first sample's.
+        for kernel in [Kernel::Render, Kernel::Resolve] {
+            let program = self.programs.get(&self.device, kernel)?;
+            program.pipeline().bind(|at| self.resident.buffer(at));
+        }
+        Ok(())
+    }
+
+    fn add_sample(
+        &mut self,
+        sample: u32,
+        progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, BackendError> {
+        let size = [self.resident.width(), self.resident.height()];
+        let program = self.programs.get(&self.device, Kernel::Render)?;
+        program.pipeline().bind(|at| self.resident.buffer(at));
+        program.run_tiles(&self.commands, size, sample, progress)
+    }
+
+    fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
+        let size = [self.resident.width(), self.resident.height()];
+        let program = self.programs.get(&self.device, Kernel::Resolve)?;
+        program.pipeline().bind(|at| self.resident.buffer(at));
+        // Nothing asks to end it early.
+        let _ = program.run_tiles(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
+        let count = self.resident.pixels() as usize;
+        self.transfers
+            .read(&self.commands, self.resident.buffer(binding::PICTURE), count)
+    }
+
+    fn totals(&mut self) -> Result<Totals, BackendError> {
+        let counters: Vec<Counter> = self.transfers.read(
+            &self.commands,
+            self.resident.buffer(binding::COUNTERS),
+            counter::COUNT,
+        )?;
+        Ok(std::array::from_fn(|i| counters[i].value()))
+    }
+
+    fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
+        let mut hits = Vec::with_capacity(rays.len());
+        for some in rays.chunks(RAYS_AT_A_TIME) {
+            hits.extend(self.trace_some(some)?);
+        }
+        Ok(hits)
+    }
+
+    /// # Panics
+    /// Where `input` has fewer words than `count` items read: kernels do not check indices on a device.
+    fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError> {
+        assert!(
+            input.len() >= count as usize * IN_STRIDE as usize,
+            "probe needs {IN_STRIDE} words an item"
+        );
+        let words = count as usize * OUT_STRIDE as usize;
+        let arguments = self.buffer("the probe's input", size_of_val(input), cast_slice(input))?;
+        let results = self.buffer("the probe's output", words * size_of::<u32>(), &[])?;
+        self.commands
+            .run("clearing", |recorder| recorder.clear(&results))?;
+        let program = self.programs.get(&self.device, Kernel::Probe)?;
+        program.pipeline().bind(|at| {
+            if at == binding::PROBE_IN {
+                &arguments
+            } else {
+                &results
+            }
+        });
+        program.run_batches(&self.commands, count, kernel)?;
+        self.transfers.read(&self.commands, &results, words)
+    }
+}
+
+/// An empty scene, and a film without pixels.
+fn empty(
+    device: &Arc<Device>,
+    commands: &Commands,
+    transfers: &mut Transfers,
+) -> Result<Resident, BackendError> {
+    Resident::new(
+        device,
+        commands,
+        transfers,
+        &SceneBuffers::default(),
+        &Frame::default(),
+    )
+}
+
+/// Length of at most [`RAYS_AT_A_TIME`] rays.
+fn length(rays: &[Ray]) -> u32 {
+    u32::try_from(rays.len()).unwrap_or(u32::MAX)
+}

@@ -1,0 +1,3 @@
+//! The bounding volume hierarchy over the prisms.
+
+pub mod traverse;

@@ -1,0 +1,147 @@
+//! Traversal of the binary BVH.
+
+use crate::aabb::Aabb;
+use crate::counters::Counts;
+use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::displacement::{brute_force, grid_walk};
+use crate::hit::Hit;
+use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
+use crate::math::{at, gamma};
+use crate::ray::TraversalRay;
+use crate::scene::{Features, SceneView};
+use crate::triangle;
+
+/// What a traversal looks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Query {
+    /// The nearest hit.
+    Nearest,
+    /// Any hit: the first one found ends the search.
+    Any,
+}
+
+/// A hit of the ray, or [`Hit::NONE`].
+///
+/// Depth first, nearer child first, with a stack of one entry a level: builders keep [`MAX_BVH_DEPTH`]. Of equally
+/// near hits the lower (triangle, cell) wins, whatever the tree.
+#[inline]
+pub fn traverse(
+    scene: &SceneView<'_>,
+    features: Features,
+    ray: &TraversalRay,
+    query: Query,
+    counts: &mut Counts,
+) -> Hit {
+    let field = HeightField::new(scene, features);
+    let mut nearest = Hit::NONE;
+    if scene.frame.triangle_count == 0 {
+        return nearest;
+    }
+    let mut stack = [0u32; MAX_BVH_DEPTH as usize];
+    let mut stack_distances = [0.0f32; MAX_BVH_DEPTH as usize];
+    let mut depth = 0;
+    let mut node = at(scene.nodes, 0);
+    let mut distance = node.entry_distance(ray, ray.t_max);
+    counts.boxes += 1;
+    // Each node is visited once at most.
+    loop {
+        let mut pop = true;
+        if distance <= farthest(ray, nearest) && distance.is_finite() {
+            if node.count > 0 {
+                let mut i = 0;
+                while i < node.count {
+                    let primitive = at(scene.primitives, node.first + i);
+                    nearest = intersect_primitive(scene, features, &field, ray, primitive, nearest, counts);
+                    i += 1;
+                }
+                if query == Query::Any && nearest.is_some() {
+                    return nearest;
+                }
+            } else {
+                // Go to the nearer child, keep the other for later.
+                let (left, right) = (at(scene.nodes, node.first), at(scene.nodes, node.first + 1));
+                let limit = farthest(ray, nearest);
+                let (to_left, to_right) = (left.entry_distance(ray, limit), right.entry_distance(ray, limit));
+                counts.boxes += 2;
+                let left_first = to_left <= to_right;
+                let (near, far) = if left_first {
+                    (to_left, to_right)
+                } else {
+                    (to_right, to_left)
+                };
+                if far.is_finite() {
+                    stack[depth as usize] = node.first + left_first as u32;
+                    stack_distances[depth as usize] = far;
+                    depth += 1;
+                }
+                if near.is_finite() {
+                    node = if left_first { left } else { right };
+                    distance = near;
+                    pop = false;
+                }
+            }
+        }
+        if pop {
+            if depth == 0 {
+                break;
+            }
+            depth -= 1;
+            distance = stack_distances[depth as usize];
+            node = at(scene.nodes, stack[depth as usize]);
+        }
+    }
+    nearest
+}
+
+/// Beyond this distance a box can hold no hit that counts: hits at equal distances must all be found, and a hit's
+/// computed distance can fall short of its box's by the rounding of both.
+#[inline]
+fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
+    ray.t_max.min(nearest.t * (1.0 + 4.0 * gamma(12)))
+}
+
+impl BvhNode {
+    /// See [`Aabb::entry_distance`].
+    #[inline]
+    fn entry_distance(&self, ray: &TraversalRay, t_max: f32) -> f32 {
+        Aabb {
+            min: self.min,
+            max: self.max,
+        }
+        .entry_distance(ray, t_max)
+    }
+}
+
+/// The nearer of `nearest` and the ray's hits on one base triangle, by the method that the features name.
+#[inline]
+fn intersect_primitive(
+    scene: &SceneView<'_>,
+    features: Features,
+    field: &HeightField<'_>,
+    ray: &TraversalRay,
+    primitive: u32,
+    nearest: Hit,
+    counts: &mut Counts,
+) -> Hit {
+    let base = BaseTriangle::load(scene.vertices, at(scene.triangles, primitive), primitive);
+    if features.method == method::GRID_WALK {
+        grid_walk::intersect(field, &base, ray, nearest, counts)
+    } else if features.method == method::BRUTE_FORCE {
+        counts.prisms += 1;
+        brute_force::intersect(field, &base, ray, nearest, counts)
+    } else {
+        counts.triangles += 1;
+        let hit = triangle::intersect(ray, base.p0, base.p1, base.p2, ray.t_max);
+        if hit.t.is_finite() && primitive != ray.left_primitive {
+            nearest.nearer(Hit {
+                t: hit.t,
+                primitive,
+                cell: 0,
+                b1: hit.b1,
+                b2: hit.b2,
+            })
+        } else {
+            nearest
+        }
+    }
+}

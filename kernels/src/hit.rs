@@ -1,0 +1,46 @@
+//! Hits on the surface.
+
+use crate::interface::MISS;
+
+/// A ray's nearest hit so far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance; infinite where nothing was hit.
+    pub t: f32,
+    /// Base triangle, or [`MISS`].
+    pub primitive: u32,
+    /// Packed [`Cell`](crate::displacement::cell::Cell); 0 for an undisplaced triangle.
+    pub cell: u32,
+    /// Barycentric coordinate of the micro-triangle's second vertex.
+    pub b1: f32,
+    /// Barycentric coordinate of its third vertex.
+    pub b2: f32,
+}
+
+impl Hit {
+    /// No hit.
+    pub const NONE: Hit = Hit {
+        t: f32::INFINITY,
+        primitive: MISS,
+        cell: 0,
+        b1: 0.0,
+        b2: 0.0,
+    };
+
+    /// Whether anything was hit.
+    #[inline]
+    pub fn is_some(&self) -> bool {
+        self.primitive != MISS
+    }
+
+    /// The nearer of two hits. Where both are equally far, the one of the lower base triangle, then of the lower
+    /// cell: so that the result does not depend on the order in which triangles were tested.
+    #[inline]
+    pub fn nearer(self, other: Hit) -> Hit {
+        let other_wins = other.t < self.t
+            || other.t == self.t
+                && (other.primitive < self.primitive
+                    || other.primitive == self.primitive && other.cell < self.cell);
+        if other_wins { other } else { self }
+    }
+}

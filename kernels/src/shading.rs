@@ -1,0 +1,388 @@
+//! From a hit to a colour.
+
+use crate::barycentric::{grid_point, interpolate};
+use crate::bvh::traverse::{Query, traverse};
+use crate::counters::Counts;
+use crate::displacement::cell::Cell;
+use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::hit::Hit;
+use crate::interface::{color_format, method, shade};
+use crate::math::{at, cross, dot, gamma, next_down, next_up};
+use crate::ray::TraversalRay;
+use crate::sampler::pcg4d;
+use crate::scene::{Features, SceneView};
+use crate::texture::sample_color;
+use glam::{UVec4, Vec2, Vec3};
+
+/// A hit with what shading needs to know of the surface there.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceInteraction {
+    /// The hit point, from the micro-triangle's barycentrics.
+    pub point: Vec3,
+    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane.
+    pub point_error: Vec3,
+    /// Unit geometric normal, to the outside of the base mesh.
+    pub ng: Vec3,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Height of the displacement there, in model units; 0 where nothing is displaced.
+    pub height: f32,
+}
+
+impl SurfaceInteraction {
+    /// The surface at `hit`, which must be one.
+    ///
+    /// The error of the point is that of a sum of three products of rounded barycentrics: gamma(7) |b_i p_i| in
+    /// pbrt-v4 (section 6.8.5), gamma(12) here, since Vulkan's division may be off by 2.5 ulp.
+    #[inline]
+    pub fn new(scene: &SceneView<'_>, features: Features, hit: Hit) -> Self {
+        let base = BaseTriangle::load(scene.vertices, at(scene.triangles, hit.primitive), hit.primitive);
+        let (b1, b2) = (hit.b1, hit.b2);
+        let b = Vec3::new(1.0 - b1 - b2, b1, b2);
+        let field = HeightField::new(scene, features);
+        let (p, w) = if features.method == method::NONE {
+            ([base.p0, base.p1, base.p2], b)
+        } else {
+            let cell = Cell::unpack(hit.cell);
+            let [q0, q1, q2] = base.micro_triangle(&field, cell);
+            let n = field.displacement.subdivisions;
+            let corner = |e: u32| {
+                let (j, k) = cell.vertex(e);
+                grid_point(j, k, n)
+            };
+            (
+                [q0.position, q1.position, q2.position],
+                interpolate(b, corner(0), corner(1), corner(2)),
+            )
+        };
+        let n = cross(p[1] - p[0], p[2] - p[0]).normalize();
+        let uv = base.uv(w);
+        SurfaceInteraction {
+            point: interpolate(b, p[0], p[1], p[2]),
+            point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
+            ng: if base.flipped { -n } else { n },
+            uv,
+            height: if features.method == method::NONE {
+                0.0
+            } else {
+                field.height(uv)
+            },
+        }
+    }
+
+    /// Where a ray towards `direction` can start so that rounding does not put it behind the surface: the point moved
+    /// along the normal to the edge of its error box, then rounded away (pbrt-v4, section 6.8.6).
+    #[inline]
+    pub fn spawn_origin(&self, direction: Vec3) -> Vec3 {
+        let n = if dot(direction, self.ng) < 0.0 {
+            -self.ng
+        } else {
+            self.ng
+        };
+        let offset = n * dot(n.abs(), self.point_error);
+        let origin = self.point + offset;
+        Vec3::new(
+            round_along(origin.x, offset.x),
+            round_along(origin.y, offset.y),
+            round_along(origin.z, offset.z),
+        )
+    }
+}
+
+/// The neighbour of `x` in the direction of `offset`.
+#[inline]
+fn round_along(x: f32, offset: f32) -> f32 {
+    if offset > 0.0 {
+        next_up(x)
+    } else if offset < 0.0 {
+        next_down(x)
+    } else {
+        x
+    }
+}
+
+/// What the hit of a primary ray shows, as [`shade`] says: linear RGB. `steps` is what finding it cost.
+#[inline]
+pub fn shade_hit(
+    scene: &SceneView<'_>,
+    features: Features,
+    ray: &TraversalRay,
+    hit: Hit,
+    steps: u32,
+    counts: &mut Counts,
+) -> Vec3 {
+    if features.shade == shade::CELL {
+        return cell_color(hit);
+    }
+    if features.shade == shade::STEPS {
+        return heat(steps as f32 / scene.frame.steps_scale.max(1) as f32);
+    }
+    let surface = SurfaceInteraction::new(scene, features, hit);
+    if features.shade == shade::NORMAL {
+        surface.ng * 0.5 + Vec3::splat(0.5)
+    } else if features.shade == shade::HEIGHT {
+        let d = &scene.frame.displacement;
+        let range = d.height_max - d.height_min;
+        Vec3::splat(if range > 0.0 {
+            (surface.height - d.height_min) / range
+        } else {
+            0.0
+        })
+    } else if features.shade == shade::UV {
+        let uv = surface.uv - surface.uv.floor();
+        Vec3::new(uv.x, uv.y, 0.0)
+    } else {
+        lit(scene, features, ray, hit, &surface, counts)
+    }
+}
+
+/// Lambert and ambient light on a two-sided surface: albedo (ambient + sum over lights of I / d² cos), each light
+/// seen through one shadow ray where shadows are on.
+#[inline]
+fn lit(
+    scene: &SceneView<'_>,
+    features: Features,
+    ray: &TraversalRay,
+    hit: Hit,
+    surface: &SurfaceInteraction,
+    counts: &mut Counts,
+) -> Vec3 {
+    let frame = scene.frame;
+    let albedo = if features.color_format == color_format::NONE {
+        frame.albedo
+    } else {
+        let (width, height) = (frame.color_width, frame.color_height);
+        let (format, wrap) = (features.color_format, features.color_wrap);
+        sample_color(scene.color_texels, format, wrap, width, height, surface.uv)
+    };
+    let facing = if dot(ray.direction, surface.ng) > 0.0 {
+        -surface.ng
+    } else {
+        surface.ng
+    };
+    let mut light = Vec3::splat(frame.ambient);
+    let mut i = 0;
+    while i < frame.light_count {
+        let source = at(scene.lights, i);
+        let to_light = source.position - surface.point;
+        let squared = to_light.dot(to_light);
+        let distance = crate::math::sqrt(squared);
+        let wi = to_light / distance;
+        let cosine = wi.dot(facing);
+        if cosine > 0.0
+            && !(features.shadows != 0
+                && occluded(scene, features, hit, surface, wi, source.position, counts))
+        {
+            light += source.color * (source.intensity * cosine / squared);
+        }
+        i += 1;
+    }
+    albedo * light
+}
+
+/// Whether the displaced surface stands between a hit and a light.
+#[inline]
+fn occluded(
+    scene: &SceneView<'_>,
+    features: Features,
+    hit: Hit,
+    surface: &SurfaceInteraction,
+    wi: Vec3,
+    light: Vec3,
+    counts: &mut Counts,
+) -> bool {
+    counts.shadow_rays += 1;
+    let origin = surface.spawn_origin(wi);
+    let to_light = light - origin;
+    let distance = to_light.length();
+    let shadow_ray = TraversalRay::new(origin, to_light / distance, distance).leaving(hit);
+    traverse(scene, features, &shadow_ray, Query::Any, counts).is_some()
+}
+
+/// A colour of its own for each micro-triangle.
+#[inline]
+fn cell_color(hit: Hit) -> Vec3 {
+    let bits = pcg4d(UVec4::new(hit.primitive, hit.cell, 0, 0));
+    let channel = |x: u32| 0.15 + 0.8 * (x >> 24) as f32 / 255.0;
+    Vec3::new(channel(bits.x), channel(bits.y), channel(bits.z))
+}
+
+/// Blue at 0, green at a half, red at 1 and above.
+#[inline]
+fn heat(x: f32) -> Vec3 {
+    let x = x.clamp(0.0, 1.0);
+    Vec3::new(
+        (2.0 * x - 1.0).max(0.0),
+        1.0 - (2.0 * x - 1.0).abs(),
+        (1.0 - 2.0 * x).max(0.0),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::Sample;
+    use crate::interface::{MISS, Ray};
+    use crate::render::{sample_pixel, trace_ray};
+    use crate::test_scene::{FLAT, TestScene};
+
+    fn sample(scene: &TestScene, features: Features) -> Sample {
+        sample_pixel(&scene.view(), features, 0, 0, 0, &mut Counts::default())
+    }
+
+    #[test]
+    fn full_ambient_light_shows_the_albedo() {
+        let mut scene = TestScene::squares(&[0.0]);
+        scene.frame.ambient = 1.0;
+        assert_eq!(
+            sample(&scene, FLAT),
+            Sample {
+                radiance: scene.frame.albedo,
+                alpha: 1.0
+            }
+        );
+    }
+
+    #[test]
+    fn nothing_hit_is_black_and_transparent() {
+        let mut scene = TestScene::squares(&[0.0]);
+        scene.frame.camera.forward = Vec3::Z;
+        assert_eq!(sample(&scene, FLAT), Sample::default());
+        scene.frame.camera.forward = -Vec3::Z;
+        scene.frame.triangle_count = 0;
+        assert_eq!(sample(&scene, FLAT), Sample::default());
+    }
+
+    /// E = I cos / d² in closed form at the hit's own point.
+    #[test]
+    fn light_falls_off_with_the_square_of_distance_and_the_cosine() {
+        for position in [Vec3::new(0.0, 0.0, 2.0), Vec3::new(3.0, -1.0, 2.0)] {
+            let scene = TestScene::squares(&[0.0]).with_light(position, 7.0);
+            let jitter = crate::sampler::sample_2d(0, 0, 0, 0);
+            let direction = scene.frame.camera.ray_direction(jitter);
+            let point = scene.frame.camera.eye - direction * (5.0 / direction.z);
+            let to_light = (position - point).as_dvec3();
+            let expected = scene.frame.albedo.as_dvec3() * 7.0 * (to_light.z / to_light.length().powi(3));
+            let got = sample(&scene, FLAT).radiance.as_dvec3();
+            // Some 20 roundings, none amplified.
+            assert!(
+                (got - expected).abs().max_element() < 20.0 * 6e-8 * expected.max_element(),
+                "{got} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn surface_is_lit_on_the_side_that_the_viewer_sees() {
+        let above = TestScene::squares(&[0.0]).with_light(Vec3::Z, 1.0);
+        let below = TestScene::squares(&[0.0]).with_light(-Vec3::Z, 1.0);
+        // The hit lies within 0.5 of the light's foot: 0.5 / (1 + 0.5)^1.5 = 0.27 at the least.
+        assert!(sample(&above, FLAT).radiance.x > 0.27);
+        assert_eq!(sample(&below, FLAT).radiance, Vec3::ZERO);
+        let mut seen_from_below = below;
+        seen_from_below.frame.camera.eye.z = -5.0;
+        seen_from_below.frame.camera.forward = Vec3::Z;
+        assert!(sample(&seen_from_below, FLAT).radiance.x > 0.27);
+    }
+
+    #[test]
+    fn shadow_falls_only_from_what_is_between_hit_and_light() {
+        let shadows = Features { shadows: 1, ..FLAT };
+        // The camera at z = 5 sees the square at 0; the light stands at z = 8 or z = 6, the second square at 7.
+        let lit_at = |light: f32| {
+            let scene = TestScene::squares(&[0.0, 7.0]).with_light(Vec3::new(0.0, 0.0, light), 100.0);
+            (
+                sample(&scene, shadows).radiance.x,
+                sample(&scene, FLAT).radiance.x,
+            )
+        };
+        let (shadowed, unshadowed) = lit_at(8.0);
+        assert_eq!(shadowed, 0.0);
+        assert!(unshadowed > 0.5);
+        let (before, same) = lit_at(6.0);
+        assert_eq!(before, same);
+    }
+
+    #[test]
+    fn normal_points_out_of_the_base_mesh_whichever_way_it_is_stored() {
+        let down = Ray {
+            origin: Vec3::new(0.3, 0.1, 5.0),
+            t_max: 1e9,
+            direction: -Vec3::Z * 2.0,
+            padding: 0,
+        };
+        for scene in [TestScene::squares(&[0.0]), TestScene::squares(&[0.0]).flipped()] {
+            for m in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
+                let features = Features { method: m, ..FLAT };
+                let hit = trace_ray(&scene.view(), features, down, &mut Counts::default());
+                assert_eq!(hit.normal, Vec3::Z);
+                // The distance is a quotient of sums of rounded products: gamma(12), as triangle.rs says.
+                assert!((hit.t - 2.5).abs() <= 2.5 * gamma(12), "{}", hit.t);
+                assert_eq!((hit.point.z, hit.primitive != MISS), (0.0, true));
+            }
+        }
+    }
+
+    #[test]
+    fn t_max_is_in_lengths_of_the_direction() {
+        let scene = TestScene::squares(&[0.0]);
+        let ray = |t_max| Ray {
+            origin: Vec3::Z * 5.0,
+            t_max,
+            direction: -Vec3::Z * 2.0,
+            padding: 0,
+        };
+        let primitive = |r| trace_ray(&scene.view(), FLAT, r, &mut Counts::default()).primitive;
+        assert_ne!(primitive(ray(2.5)), MISS);
+        assert_eq!(primitive(ray(2.4)), MISS);
+    }
+
+    #[test]
+    fn spawned_origin_clears_the_error_box_on_the_side_of_the_direction() {
+        let surface = SurfaceInteraction {
+            point: Vec3::new(100.0, -3.0, 1.0),
+            point_error: Vec3::new(1e-5, 1e-6, 1e-6),
+            ng: Vec3::new(0.6, 0.0, 0.8),
+            uv: Vec2::ZERO,
+            height: 0.0,
+        };
+        for direction in [surface.ng, -surface.ng] {
+            let moved = (surface.spawn_origin(direction) - surface.point).as_dvec3();
+            let along = moved.dot(direction.as_dvec3());
+            assert!(along > f64::from(0.6 * 1e-5 + 0.8 * 1e-6), "{along}");
+        }
+    }
+
+    #[test]
+    fn shading_modes_show_what_they_say() {
+        let mut scene = TestScene::squares(&[0.0]);
+        let d = &mut scene.frame.displacement;
+        (d.height_min, d.height_max, d.scale, d.zero) = (-1.0, 3.0, 1.0, 0.0);
+        let mode = |shade| {
+            sample(
+                &scene,
+                Features {
+                    shade,
+                    method: method::GRID_WALK,
+                    ..FLAT
+                },
+            )
+            .radiance
+        };
+        assert_eq!(mode(shade::NORMAL), Vec3::new(0.5, 0.5, 1.0));
+        assert_eq!(mode(shade::HEIGHT), Vec3::splat(0.25));
+        let uv = mode(shade::UV);
+        assert!(uv.x >= 0.0 && uv.x < 1.0 && uv.z == 0.0);
+        assert!(mode(shade::CELL).min_element() >= 0.15);
+        scene.frame.steps_scale = 2;
+        let steps = sample(
+            &scene,
+            Features {
+                shade: shade::STEPS,
+                ..FLAT
+            },
+        )
+        .radiance;
+        assert_eq!(steps, Vec3::X, "two triangles tested of two: red");
+    }
+}

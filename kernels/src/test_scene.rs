@@ -1,0 +1,125 @@
+//! Small scenes for unit tests.
+
+use crate::interface::{
+    BvhNode, Camera, Displacement, FLIPPED, Frame, PointLight, Triangle, Vertex, height_format, method,
+};
+use crate::scene::{Features, SceneView};
+use glam::Vec3;
+
+/// The buffers of a scene whose BVH is a single leaf.
+#[derive(Default)]
+pub(crate) struct TestScene {
+    pub(crate) frame: Frame,
+    pub(crate) vertices: Vec<Vertex>,
+    pub(crate) triangles: Vec<Triangle>,
+    pub(crate) nodes: Vec<BvhNode>,
+    pub(crate) primitives: Vec<u32>,
+    pub(crate) height_texels: Vec<u32>,
+    pub(crate) color_texels: Vec<u32>,
+    pub(crate) lights: Vec<PointLight>,
+}
+
+/// The undisplaced method, lit, without shadows.
+pub(crate) const FLAT: Features = Features {
+    method: method::NONE,
+    shade: crate::interface::shade::LIT,
+    shadows: 0,
+    height_format: height_format::FLOAT32,
+    color_format: crate::interface::color_format::NONE,
+    height_wrap: 0,
+    color_wrap: 0,
+    counters: 0,
+};
+
+impl TestScene {
+    /// Level squares [-1,1]² facing +z, one at each of the given heights, under a map of one texel 0.
+    pub(crate) fn squares(heights: &[f32]) -> Self {
+        let mut scene = TestScene {
+            height_texels: vec![0],
+            ..TestScene::default()
+        };
+        for &z in heights {
+            let first = scene.vertices.len() as u32;
+            for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                let position = Vec3::new(x, y, z);
+                scene.vertices.push(Vertex {
+                    position,
+                    normal: Vec3::Z,
+                    u: x,
+                    v: y,
+                });
+            }
+            scene.triangles.push(Triangle {
+                vertices: [first, first + 1, first + 2],
+                flags: 0,
+            });
+            scene.triangles.push(Triangle {
+                vertices: [first, first + 2, first + 3],
+                flags: 0,
+            });
+        }
+        let count = scene.triangles.len() as u32;
+        scene.primitives = (0..count).collect();
+        scene.nodes.push(BvhNode {
+            min: Vec3::splat(-9.0),
+            first: 0,
+            max: Vec3::splat(9.0),
+            count,
+        });
+        let displacement = Displacement {
+            subdivisions: 1,
+            map_width: 1,
+            map_height: 1,
+            ..Displacement::default()
+        };
+        scene.frame = Frame {
+            camera: Camera {
+                eye: Vec3::new(0.0, 0.0, 5.0),
+                right: Vec3::X * 0.1,
+                up: Vec3::Y * 0.1,
+                forward: -Vec3::Z,
+                ..Camera::default()
+            },
+            displacement,
+            width: 1,
+            height: 1,
+            albedo: Vec3::new(0.5, 0.25, 1.0),
+            triangle_count: count,
+            ..Frame::default()
+        };
+        scene
+    }
+
+    /// Turns every triangle's stored order round, as the host does where indices do not ascend.
+    pub(crate) fn flipped(mut self) -> Self {
+        for t in &mut self.triangles {
+            t.vertices.swap(1, 2);
+            t.flags ^= FLIPPED;
+        }
+        self
+    }
+
+    pub(crate) fn with_light(mut self, position: Vec3, intensity: f32) -> Self {
+        self.lights.push(PointLight {
+            position,
+            intensity,
+            color: Vec3::ONE,
+            padding: 0,
+        });
+        self.frame.light_count = self.lights.len() as u32;
+        self
+    }
+
+    pub(crate) fn view(&self) -> SceneView<'_> {
+        SceneView {
+            frame: &self.frame,
+            vertices: &self.vertices,
+            triangles: &self.triangles,
+            nodes: &self.nodes,
+            primitives: &self.primitives,
+            height_texels: &self.height_texels,
+            color_texels: &self.color_texels,
+            lights: &self.lights,
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
+
+use crate::interface::{color_format, height_format, wrap};
+use crate::math::{at, floor, fma};
+use glam::{Vec2, Vec3};
+
+/// The four texels around a point and their weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Footprint {
+    /// Indices of the texels: top left, top right, bottom left, bottom right.
+    texels: [u32; 4],
+    /// Weight of the right texels.
+    fx: f32,
+    /// Weight of the bottom texels.
+    fy: f32,
+}
+
+/// A texture coordinate brought into [0,1]: repeat keeps the fraction, mirror folds, clamp clamps.
+#[inline]
+fn reduce(x: f32, mode: u32) -> f32 {
+    if mode == wrap::REPEAT {
+        x - floor(x)
+    } else if mode == wrap::MIRROR {
+        let folded = x - 2.0 * floor(x * 0.5);
+        if folded > 1.0 { 2.0 - folded } else { folded }
+    } else {
+        x.clamp(0.0, 1.0)
+    }
+}
+
+/// A texel index in [-1, n] brought into [0, n): at the border repeat goes to the other side, the others stay.
+#[inline]
+fn wrap_index(i: i32, n: i32, mode: u32) -> u32 {
+    let inside = if i < 0 {
+        if mode == wrap::REPEAT { n - 1 } else { 0 }
+    } else if i >= n {
+        if mode == wrap::REPEAT { 0 } else { n - 1 }
+    } else {
+        i
+    };
+    inside as u32
+}
+
+/// The footprint of (u, v) in a map of `width` x `height` texels, texel centres at half-integers, v upwards, the
+/// first row at the top.
+#[inline]
+fn footprint(uv: Vec2, width: u32, height: u32, mode: u32) -> Footprint {
+    let x = fma(reduce(uv.x, mode), width as f32, -0.5);
+    let y = fma(-reduce(uv.y, mode), height as f32, height as f32 - 0.5);
+    let (left, top) = (floor(x), floor(y));
+    let x0 = wrap_index(left as i32, width as i32, mode);
+    let x1 = wrap_index(left as i32 + 1, width as i32, mode);
+    let y0 = wrap_index(top as i32, height as i32, mode) * width;
+    let y1 = wrap_index(top as i32 + 1, height as i32, mode) * width;
+    Footprint {
+        texels: [y0 + x0, y0 + x1, y1 + x0, y1 + x1],
+        fx: x - left,
+        fy: y - top,
+    }
+}
+
+/// From `a` to `b` by `s` in [0,1]; leaves [a,b] by at most an ulp of the larger.
+#[inline]
+fn lerp(s: f32, a: f32, b: f32) -> f32 {
+    fma(s, b - a, a)
+}
+
+/// Texel `i` of a height map.
+#[inline]
+fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
+    if format == height_format::UNORM8 {
+        ((at(texels, i >> 2) >> ((i & 3) * 8)) & 0xff) as f32 / 255.0
+    } else if format == height_format::UNORM16 {
+        ((at(texels, i >> 1) >> ((i & 1) * 16)) & 0xffff) as f32 / 65535.0
+    } else {
+        f32::from_bits(at(texels, i))
+    }
+}
+
+/// The bilinearly filtered value of a height map at (u, v), which must be finite. The value leaves the range of the
+/// four texels by at most 3 ulp of the greatest magnitude among them.
+#[inline]
+pub fn sample_height(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> f32 {
+    let f = footprint(uv, width, height, mode);
+    let top = lerp(
+        f.fx,
+        height_texel(texels, format, f.texels[0]),
+        height_texel(texels, format, f.texels[1]),
+    );
+    let bottom = lerp(
+        f.fx,
+        height_texel(texels, format, f.texels[2]),
+        height_texel(texels, format, f.texels[3]),
+    );
+    lerp(f.fy, top, bottom)
+}
+
+/// Texel `i` of a colour map, linear RGB.
+#[inline]
+fn color_texel(texels: &[u32], format: u32, i: u32) -> Vec3 {
+    if format == color_format::SRGB8 {
+        let code = at(texels, 256 + i);
+        Vec3::new(
+            f32::from_bits(at(texels, code & 0xff)),
+            f32::from_bits(at(texels, (code >> 8) & 0xff)),
+            f32::from_bits(at(texels, (code >> 16) & 0xff)),
+        )
+    } else {
+        let first = 3 * i;
+        Vec3::new(
+            f32::from_bits(at(texels, first)),
+            f32::from_bits(at(texels, first + 1)),
+            f32::from_bits(at(texels, first + 2)),
+        )
+    }
+}
+
+/// The bilinearly filtered linear RGB of a colour map at (u, v), which must be finite.
+#[inline]
+pub fn sample_color(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> Vec3 {
+    let f = footprint(uv, width, height, mode);
+    let top = color_texel(texels, format, f.texels[0]).lerp(color_texel(texels, format, f.texels[1]), f.fx);
+    let bottom =
+        color_texel(texels, format, f.texels[2]).lerp(color_texel(texels, format, f.texels[3]), f.fx);
+    top.lerp(bottom, f.fy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A 4x2 map; row 0 is the top.
+    const MAP: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0, 13.0];
+
+    fn sample(mode: u32, u: f32, v: f32) -> f32 {
+        let texels = MAP.map(f32::to_bits);
+        sample_height(&texels, height_format::FLOAT32, mode, 4, 2, Vec2::new(u, v))
+    }
+
+    #[test]
+    fn texel_centres_give_the_texels_top_row_at_v_near_1() {
+        for (i, want) in MAP.iter().enumerate() {
+            let (x, y) = ((i % 4) as f32, (i / 4) as f32);
+            for mode in [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR] {
+                assert_eq!(sample(mode, (x + 0.5) / 4.0, 1.0 - (y + 0.5) / 2.0), *want);
+            }
+        }
+    }
+
+    #[test]
+    fn between_centres_the_value_is_bilinear() {
+        assert_eq!(sample(wrap::CLAMP, 0.25, 0.75), 0.5);
+        assert_eq!(sample(wrap::CLAMP, 0.25, 0.5), 5.5);
+    }
+
+    #[test]
+    fn border_repeats_clamps_or_mirrors() {
+        // u = 0 lies between the last and the first texel of a repeated row.
+        assert_eq!(sample(wrap::REPEAT, 0.0, 0.75), 1.5);
+        assert_eq!(sample(wrap::CLAMP, 0.0, 0.75), 0.0);
+        assert_eq!(sample(wrap::MIRROR, 0.0, 0.75), 0.0);
+        assert_eq!(sample(wrap::CLAMP, 7.0, 0.75), 3.0);
+        assert_eq!(sample(wrap::MIRROR, 1.125, 0.75), 3.0);
+        assert_eq!(
+            sample(wrap::MIRROR, -0.375, 0.75),
+            sample(wrap::MIRROR, 0.375, 0.75)
+        );
+    }
+
+    #[test]
+    fn repeat_has_the_same_bits_at_both_sides_of_the_seam() {
+        for v in [0.0, 0.3, 0.75, 1.0] {
+            assert_eq!(
+                sample(wrap::REPEAT, 0.0, v).to_bits(),
+                sample(wrap::REPEAT, 1.0, v).to_bits()
+            );
+            assert_eq!(
+                sample(wrap::REPEAT, -3.0, v).to_bits(),
+                sample(wrap::REPEAT, 5.0, v).to_bits()
+            );
+        }
+    }
+
+    #[test]
+    fn one_texel_is_constant_everywhere() {
+        let texels = [0.25_f32.to_bits()];
+        for mode in [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR] {
+            for u in [-1e6, -0.5, -1e-8, 0.0, 0.3, 1.0, 1e9] {
+                assert_eq!(
+                    sample_height(&texels, height_format::FLOAT32, mode, 1, 1, Vec2::new(u, u)),
+                    0.25
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn packed_formats_give_the_code_over_its_greatest() {
+        let eight = [u32::from_le_bytes([0, 51, 255, 102])];
+        let sixteen = [0x0000_ffff_u32, 0x8000_3333];
+        for (i, want) in [0.0, 0.2, 1.0, 0.4].into_iter().enumerate() {
+            assert_eq!(height_texel(&eight, height_format::UNORM8, i as u32), want);
+        }
+        for (i, want) in [1.0, 0.0, 0.2, 32768.0 / 65535.0].into_iter().enumerate() {
+            assert_eq!(height_texel(&sixteen, height_format::UNORM16, i as u32), want);
+        }
+    }
+
+    #[test]
+    fn colours_come_through_the_table_or_as_floats() {
+        let mut texels: Vec<u32> = (0..256).map(|code| (code as f32 * 2.0).to_bits()).collect();
+        texels.push(u32::from_le_bytes([1, 2, 3, 255]));
+        let centre = Vec2::splat(0.5);
+        assert_eq!(
+            sample_color(&texels, color_format::SRGB8, wrap::REPEAT, 1, 1, centre),
+            Vec3::new(2.0, 4.0, 6.0)
+        );
+        let floats = [0.5_f32, 0.25, 4.0].map(f32::to_bits);
+        assert_eq!(
+            sample_color(&floats, color_format::FLOAT32, wrap::REPEAT, 1, 1, centre),
+            Vec3::new(0.5, 0.25, 4.0)
+        );
+    }
+}

@@ -1,0 +1,295 @@
+//! The devices of a machine: which of them fit, what they can do, and which one is taken.
+
+use super::Selection;
+use super::instance::{API_VERSION, Instance, version_text};
+use super::pipeline::MOST_BINDINGS;
+use crate::backend::{BackendError, DeviceInfo, DeviceKind};
+use ash::vk;
+use std::ffi::CStr;
+
+/// A device that fits, not yet opened.
+pub(super) struct PhysicalDevice {
+    pub(super) raw: vk::PhysicalDevice,
+    pub(super) info: DeviceInfo,
+    pub(super) limits: Limits,
+    /// The family of the queue that everything is submitted to: it can compute, hence also copy.
+    pub(super) queue_family: u32,
+}
+
+/// What a device allows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Longest storage buffer, in bytes.
+    pub(super) storage_buffer_bytes: u64,
+    /// Largest single allocation, in bytes.
+    pub(super) allocation_bytes: u64,
+    /// Size of the largest device-local heap, in bytes.
+    pub(super) heap_bytes: u64,
+    /// Nanoseconds of a timestamp's unit.
+    pub(super) timestamp_period_ns: f64,
+    /// How many bits of a timestamp count; 0 where the queue writes none.
+    pub(super) timestamp_bits: u32,
+}
+
+impl Limits {
+    /// The longest buffer that a kernel can have, in bytes.
+    pub(super) fn buffer_bytes(&self) -> u64 {
+        self.storage_buffer_bytes
+            .min(self.allocation_bytes)
+            .min(self.heap_bytes)
+    }
+}
+
+/// Every device that fits, in the loader's order. What does not fit is logged.
+pub(super) fn enumerate(instance: &Instance) -> Result<Vec<PhysicalDevice>, BackendError> {
+    // SAFETY: the instance lives through the call.
+    let all =
+        unsafe { instance.raw().enumerate_physical_devices() }.map_err(|source| BackendError::Vulkan {
+            what: "listing the devices",
+            source,
+        })?;
+    Ok(all.into_iter().filter_map(|raw| examine(instance, raw)).collect())
+}
+
+/// Index of the device that `selection` means, in a list as `enumerate` gives it.
+pub(super) fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<usize, BackendError> {
+    let found = match selection {
+        Selection::Auto => (0..devices.len())
+            .filter(|&index| devices[index].kind < DeviceKind::Software)
+            .min_by_key(|&index| devices[index].kind),
+        Selection::Named(wanted) => wanted
+            .parse::<usize>()
+            .ok()
+            .filter(|&index| index < devices.len())
+            // A number that is no index may be a part of a name: "4090".
+            .or_else(|| {
+                devices
+                    .iter()
+                    .position(|device| contains_ignoring_case(&device.name, wanted))
+            }),
+    };
+    found.ok_or_else(|| BackendError::NoDevice {
+        reason: why_none(devices, selection),
+    })
+}
+
+fn contains_ignoring_case(name: &str, part: &str) -> bool {
+    name.to_lowercase().contains(&part.to_lowercase())
+}
+
+fn why_none(devices: &[&DeviceInfo], selection: &Selection) -> String {
+    let list: Vec<_> = devices
+        .iter()
+        .enumerate()
+        .map(|(index, device)| format!("{index}: {}", device.name))
+        .collect();
+    let list = list.join(", ");
+    match selection {
+        _ if devices.is_empty() => {
+            "no driver offers a device with Vulkan 1.2 and its memory model".to_owned()
+        }
+        Selection::Auto => format!("none is hardware; --device can ask for a software one ({list})"),
+        Selection::Named(wanted) => format!("none matches --device {wanted} ({list})"),
+    }
+}
+
+/// The device with its limits, or nothing where it does not fit.
+fn examine(instance: &Instance, raw: vk::PhysicalDevice) -> Option<PhysicalDevice> {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
+    let version = api_version(instance, raw);
+    let mut properties = vk::PhysicalDeviceProperties2::default();
+    // Structures of a version that the device does not have must not be asked for.
+    if version >= API_VERSION {
+        properties = properties.push_next(&mut driver).push_next(&mut maintenance3);
+    }
+    // SAFETY: `raw` comes from this instance, which has version 1.2.
+    unsafe {
+        instance
+            .raw()
+            .get_physical_device_properties2(raw, &mut properties)
+    };
+    let properties = properties.properties;
+    let name = text(properties.device_name_as_c_str());
+    let queue = compute_queue(instance, raw);
+    if let Some(lack) = what_lacks(instance, raw, &properties, queue.is_some()) {
+        tracing::debug!("{name} is not used: it lacks {lack}");
+        return None;
+    }
+    let (queue_family, timestamp_bits) = queue?;
+    Some(PhysicalDevice {
+        raw,
+        info: DeviceInfo {
+            backend: "vulkan",
+            kind: kind(properties.device_type),
+            details: details(version, &driver),
+            name,
+        },
+        limits: Limits {
+            storage_buffer_bytes: u64::from(properties.limits.max_storage_buffer_range),
+            allocation_bytes: maintenance3.max_memory_allocation_size,
+            heap_bytes: largest_device_heap(instance, raw),
+            timestamp_period_ns: f64::from(properties.limits.timestamp_period),
+            timestamp_bits,
+        },
+        queue_family,
+    })
+}
+
+fn api_version(instance: &Instance, raw: vk::PhysicalDevice) -> u32 {
+    // SAFETY: `raw` comes from this instance.
+    unsafe { instance.raw().get_physical_device_properties(raw) }.api_version
+}
+
+/// What the kernels need and the device has not, or `None` where it fits.
+fn what_lacks(
+    instance: &Instance,
+    raw: vk::PhysicalDevice,
+    properties: &vk::PhysicalDeviceProperties,
+    computes: bool,
+) -> Option<&'static str> {
+    if properties.api_version < API_VERSION {
+        Some("Vulkan 1.2")
+    } else if !has_memory_model(instance, raw) {
+        Some("the features vulkanMemoryModel and vulkanMemoryModelDeviceScope")
+    } else if !computes {
+        Some("a queue for compute")
+    } else if properties.limits.max_per_stage_descriptor_storage_buffers < MOST_BINDINGS {
+        Some("enough storage buffers for a kernel")
+    } else {
+        None
+    }
+}
+
+/// Needs a device of version 1.2.
+fn has_memory_model(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+    let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut features12);
+    // SAFETY: `raw` comes from this instance and knows the structure of version 1.2.
+    unsafe { instance.raw().get_physical_device_features2(raw, &mut features) };
+    features12.vulkan_memory_model == vk::TRUE && features12.vulkan_memory_model_device_scope == vk::TRUE
+}
+
+/// The first queue family that computes, and how many bits its timestamps have. Drivers list the one that also
+/// draws first, which a viewer can present from.
+fn compute_queue(instance: &Instance, raw: vk::PhysicalDevice) -> Option<(u32, u32)> {
+    // SAFETY: `raw` comes from this instance.
+    let families = unsafe { instance.raw().get_physical_device_queue_family_properties(raw) };
+    (0u32..)
+        .zip(families)
+        .find(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0)
+        .map(|(index, family)| (index, family.timestamp_valid_bits))
+}
+
+fn largest_device_heap(instance: &Instance, raw: vk::PhysicalDevice) -> u64 {
+    // SAFETY: `raw` comes from this instance.
+    let memory = unsafe { instance.raw().get_physical_device_memory_properties(raw) };
+    let heaps = memory.memory_heaps_as_slice().iter();
+    let local = heaps.filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+    local.map(|heap| heap.size).max().unwrap_or(0)
+}
+
+/// A type that Vulkan does not name counts as software: then it is used only when asked for.
+fn kind(device_type: vk::PhysicalDeviceType) -> DeviceKind {
+    match device_type {
+        vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
+        _ => DeviceKind::Software,
+    }
+}
+
+/// `Vulkan 1.3.230, llvmpipe Mesa 22.3.6`.
+fn details(version: u32, driver: &vk::PhysicalDeviceDriverProperties<'_>) -> String {
+    format!(
+        "Vulkan {}, {} {}",
+        version_text(version),
+        text(driver.driver_name_as_c_str()),
+        text(driver.driver_info_as_c_str())
+    )
+}
+
+/// A driver's text; empty where it breaks the rule that a zero ends it.
+fn text<E>(text: Result<&CStr, E>) -> String {
+    text.map(|text| text.to_string_lossy().into_owned())
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn device(name: &str, kind: DeviceKind) -> DeviceInfo {
+        DeviceInfo {
+            backend: "vulkan",
+            name: name.to_owned(),
+            kind,
+            details: String::new(),
+        }
+    }
+
+    fn named(wanted: &str) -> Selection {
+        Selection::Named(wanted.to_owned())
+    }
+
+    #[test]
+    fn auto_prefers_discrete_then_integrated_then_virtual_then_the_first() {
+        let software = device("llvmpipe", DeviceKind::Software);
+        let share = device("Share", DeviceKind::Virtual);
+        let chip = device("Chip", DeviceKind::Integrated);
+        let card = device("Card", DeviceKind::Discrete);
+        assert_eq!(
+            choose(&[&software, &share, &chip, &card, &card], &Selection::Auto).unwrap(),
+            3
+        );
+        assert_eq!(choose(&[&software, &share, &chip], &Selection::Auto).unwrap(), 2);
+        assert_eq!(choose(&[&software, &share], &Selection::Auto).unwrap(), 1);
+    }
+
+    #[test]
+    fn auto_never_takes_software_and_names_it() {
+        let software = device("llvmpipe", DeviceKind::Software);
+        let message = choose(&[&software], &Selection::Auto).unwrap_err().to_string();
+        assert!(
+            message.contains("--device can ask for a software one (0: llvmpipe)"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn name_matches_in_part_whatever_the_case_and_index_counts_from_zero() {
+        let (card, software) = (
+            device("Card", DeviceKind::Discrete),
+            device("llvmpipe", DeviceKind::Software),
+        );
+        let devices = [&card, &software];
+        assert_eq!(choose(&devices, &named("LLVM")).unwrap(), 1);
+        assert_eq!(choose(&devices, &named("1")).unwrap(), 1);
+        assert_eq!(choose(&devices, &named("car")).unwrap(), 0);
+    }
+
+    #[test]
+    fn unknown_name_and_index_list_what_there_is() {
+        let software = device("llvmpipe", DeviceKind::Software);
+        for wanted in ["radeon", "1"] {
+            let message = choose(&[&software], &named(wanted)).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("--device {wanted} (0: llvmpipe)")),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn no_device_at_all_is_said() {
+        let message = choose(&[], &named("0")).unwrap_err().to_string();
+        assert!(message.contains("no driver offers a device"), "{message}");
+    }
+
+    #[test]
+    fn device_types_map_to_kinds() {
+        assert_eq!(kind(vk::PhysicalDeviceType::DISCRETE_GPU), DeviceKind::Discrete);
+        assert_eq!(kind(vk::PhysicalDeviceType::CPU), DeviceKind::Software);
+        assert_eq!(kind(vk::PhysicalDeviceType::OTHER), DeviceKind::Software);
+    }
+}

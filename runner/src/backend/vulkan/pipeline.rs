@@ -1,0 +1,322 @@
+//! Compute pipelines: the compiled module, one pipeline for each entry point, and what is bound to it.
+
+use super::buffer::Buffer;
+use super::device::{Device, Owned};
+use crate::backend::BackendError;
+use ash::vk;
+use bytemuck::bytes_of;
+use emboss_kernels::interface::{Batch, Tile, binding, spec};
+use emboss_kernels::scene::Features;
+use std::ffi::CStr;
+use std::io::Cursor;
+use std::sync::Arc;
+
+/// The kernels, compiled by rust-gpu.
+const MODULE: &[u8] = include_bytes!("../../../../assets/kernels.spv");
+
+/// How many storage buffers the hungriest kernel, `trace_rays`, binds.
+pub(super) const MOST_BINDINGS: u32 = 11;
+
+/// An entry point of the module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kernel {
+    Render,
+    Resolve,
+    TraceRays,
+    Probe,
+}
+
+impl Kernel {
+    fn entry_point(self) -> &'static CStr {
+        match self {
+            Kernel::Render => c"render",
+            Kernel::Resolve => c"resolve",
+            Kernel::TraceRays => c"trace_rays",
+            Kernel::Probe => c"probe",
+        }
+    }
+
+    /// What the device is doing while it runs, for messages.
+    pub(super) fn activity(self) -> &'static str {
+        match self {
+            Kernel::Render => "rendering",
+            Kernel::Resolve => "resolving the picture",
+            Kernel::TraceRays => "tracing rays",
+            Kernel::Probe => "probing a kernel",
+        }
+    }
+
+    /// The bindings of its parameters in `entry.rs`. Each kernel has a layout of its own, since a device need not
+    /// offer all of them at once.
+    fn bindings(self) -> &'static [u32] {
+        use binding::*;
+        match self {
+            Kernel::Render => &[
+                FRAME,
+                VERTICES,
+                TRIANGLES,
+                NODES,
+                PRIMITIVES,
+                HEIGHT_TEXELS,
+                COLOR_TEXELS,
+                LIGHTS,
+                FILM,
+                COUNTERS,
+            ],
+            Kernel::Resolve => &[FRAME, FILM, PICTURE],
+            Kernel::TraceRays => &[
+                FRAME,
+                VERTICES,
+                TRIANGLES,
+                NODES,
+                PRIMITIVES,
+                HEIGHT_TEXELS,
+                COLOR_TEXELS,
+                LIGHTS,
+                RAYS,
+                INTERSECTIONS,
+                COUNTERS,
+            ],
+            Kernel::Probe => &[PROBE_IN, PROBE_OUT],
+        }
+    }
+
+    fn push_constant_bytes(self) -> usize {
+        match self {
+            Kernel::Render | Kernel::Resolve => size_of::<Tile>(),
+            Kernel::TraceRays | Kernel::Probe => size_of::<Batch>(),
+        }
+    }
+}
+
+/// A kernel ready to be dispatched, compiled for some features, with one descriptor set.
+pub(super) struct Pipeline {
+    kernel: Kernel,
+    raw: Owned<vk::Pipeline>,
+    layout: Owned<vk::PipelineLayout>,
+    set: vk::DescriptorSet,
+    /// Owns the memory of `set`.
+    _pool: Owned<vk::DescriptorPool>,
+    /// Not used after `set` is made, but some drivers look at it while a set of this layout is written.
+    _set_layout: Owned<vk::DescriptorSetLayout>,
+}
+
+impl Pipeline {
+    /// Compiles `kernel` with the specialisation constants that `features` give.
+    pub(super) fn new(
+        device: &Arc<Device>,
+        kernel: Kernel,
+        features: Features,
+    ) -> Result<Self, BackendError> {
+        let set_layout = set_layout(device, kernel)?;
+        let layout = pipeline_layout(&set_layout, kernel)?;
+        let raw = compile(&layout, kernel, features)?;
+        let pool = descriptor_pool(device, kernel)?;
+        let set = allocate_set(&pool, &set_layout)?;
+        Ok(Pipeline {
+            kernel,
+            raw,
+            layout,
+            set,
+            _pool: pool,
+            _set_layout: set_layout,
+        })
+    }
+
+    /// Binds the buffer that `buffer_at` gives for each binding of the kernel. No submission may be pending, which
+    /// holds between two runs of `Commands`.
+    pub(super) fn bind<'a>(&self, buffer_at: impl Fn(u32) -> &'a Buffer) {
+        let bindings = self.kernel.bindings();
+        let infos: Vec<_> = bindings
+            .iter()
+            .map(|&binding| {
+                let buffer = buffer_at(binding);
+                [vk::DescriptorBufferInfo::default()
+                    .buffer(buffer.raw())
+                    .range(vk::WHOLE_SIZE)]
+            })
+            .collect();
+        let writes: Vec<_> = bindings
+            .iter()
+            .zip(&infos)
+            .map(|(&binding, info)| {
+                vk::WriteDescriptorSet::default()
+                    .dst_set(self.set)
+                    .dst_binding(binding)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .buffer_info(info)
+            })
+            .collect();
+        // SAFETY: set and buffers are of this device, and no submission that uses the set is pending.
+        unsafe { self.raw.device().raw().update_descriptor_sets(&writes, &[]) };
+    }
+
+    pub(super) fn raw(&self) -> vk::Pipeline {
+        self.raw.raw()
+    }
+
+    pub(super) fn layout(&self) -> vk::PipelineLayout {
+        self.layout.raw()
+    }
+
+    pub(super) fn set(&self) -> vk::DescriptorSet {
+        self.set
+    }
+}
+
+fn set_layout(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::DescriptorSetLayout>, BackendError> {
+    let bindings: Vec<_> = kernel
+        .bindings()
+        .iter()
+        .map(|&binding| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE)
+        })
+        .collect();
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: `info` is complete and the device lives.
+    let made = unsafe { device.raw().create_descriptor_set_layout(&info, None) };
+    Owned::new(device, "creating a descriptor set layout", made)
+}
+
+fn pipeline_layout(
+    set_layout: &Owned<vk::DescriptorSetLayout>,
+    kernel: Kernel,
+) -> Result<Owned<vk::PipelineLayout>, BackendError> {
+    let device = set_layout.device();
+    let sets = [set_layout.raw()];
+    let push_constants = [vk::PushConstantRange::default()
+        .stage_flags(vk::ShaderStageFlags::COMPUTE)
+        .size(small(kernel.push_constant_bytes()))];
+    let info = vk::PipelineLayoutCreateInfo::default()
+        .set_layouts(&sets)
+        .push_constant_ranges(&push_constants);
+    // SAFETY: the set layout is of this device.
+    let made = unsafe { device.raw().create_pipeline_layout(&info, None) };
+    Owned::new(device, "creating a pipeline layout", made)
+}
+
+fn compile(
+    layout: &Owned<vk::PipelineLayout>,
+    kernel: Kernel,
+    features: Features,
+) -> Result<Owned<vk::Pipeline>, BackendError> {
+    let device = layout.device();
+    let module = shader_module(device)?;
+    let constants = features.to_array();
+    let entries = specialization_entries();
+    let specialization = vk::SpecializationInfo::default()
+        .map_entries(&entries)
+        .data(bytes_of(&constants));
+    let stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .module(module.raw())
+        .name(kernel.entry_point())
+        .specialization_info(&specialization);
+    let info = vk::ComputePipelineCreateInfo::default()
+        .layout(layout.raw())
+        .stage(stage);
+    // SAFETY: module and layout are of this device, and `info` lives through the call.
+    let made = unsafe {
+        device
+            .raw()
+            .create_compute_pipelines(vk::PipelineCache::null(), &[info], None)
+    };
+    // One pipeline was asked for: an error brings a single null handle, which needs no destruction.
+    let made = made.map(|pipelines| pipelines[0]).map_err(|(_, error)| error);
+    Owned::new(device, "compiling a kernel", made)
+}
+
+fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModule>, BackendError> {
+    // The bytes of a file have no alignment; words do.
+    let words = ash::util::read_spv(&mut Cursor::new(MODULE)).map_err(|error| {
+        tracing::error!("the built-in kernels are damaged: {error}");
+        BackendError::Vulkan {
+            what: "reading the kernels",
+            source: vk::Result::ERROR_INITIALIZATION_FAILED,
+        }
+    })?;
+    let info = vk::ShaderModuleCreateInfo::default().code(&words);
+    // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted.
+    let made = unsafe { device.raw().create_shader_module(&info, None) };
+    Owned::new(device, "creating the shader module", made)
+}
+
+/// Constant `id` is word number `id` of the features. Ids that a kernel does not have are ignored by Vulkan.
+fn specialization_entries() -> [vk::SpecializationMapEntry; spec::COUNT as usize] {
+    std::array::from_fn(|id| vk::SpecializationMapEntry {
+        constant_id: small(id),
+        offset: small(id * size_of::<u32>()),
+        size: size_of::<u32>(),
+    })
+}
+
+fn descriptor_pool(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::DescriptorPool>, BackendError> {
+    let sizes = [vk::DescriptorPoolSize::default()
+        .ty(vk::DescriptorType::STORAGE_BUFFER)
+        .descriptor_count(small(kernel.bindings().len()))];
+    let info = vk::DescriptorPoolCreateInfo::default()
+        .max_sets(1)
+        .pool_sizes(&sizes);
+    // SAFETY: `info` is complete and the device lives.
+    let made = unsafe { device.raw().create_descriptor_pool(&info, None) };
+    Owned::new(device, "creating a descriptor pool", made)
+}
+
+fn allocate_set(
+    pool: &Owned<vk::DescriptorPool>,
+    layout: &Owned<vk::DescriptorSetLayout>,
+) -> Result<vk::DescriptorSet, BackendError> {
+    let device = pool.device();
+    let layouts = [layout.raw()];
+    let info = vk::DescriptorSetAllocateInfo::default()
+        .descriptor_pool(pool.raw())
+        .set_layouts(&layouts);
+    // SAFETY: pool and layout are of this device, and the pool has room for one such set.
+    let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }
+        .map_err(|source| device.error("allocating a descriptor set", source))?;
+    Ok(sets[0])
+}
+
+/// A count of a few dozen as `u32`.
+fn small(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_kernel_binds_more_than_is_asked_of_a_device() {
+        let all = [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::Probe];
+        let most = all.iter().map(|kernel| kernel.bindings().len()).max();
+        assert_eq!(most, Some(MOST_BINDINGS as usize));
+    }
+
+    #[test]
+    fn constants_lie_at_the_words_of_their_ids() {
+        let entries = specialization_entries();
+        let features = Features {
+            color_wrap: 7,
+            ..Features::default()
+        };
+        let entry = entries
+            .iter()
+            .find(|entry| entry.constant_id == spec::COLOR_WRAP)
+            .unwrap();
+        let words = features.to_array();
+        assert_eq!(words[entry.offset as usize / 4], 7);
+    }
+
+    #[test]
+    fn every_entry_point_is_in_the_module() {
+        for kernel in [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::Probe] {
+            let name = kernel.entry_point().to_bytes_with_nul();
+            assert!(MODULE.windows(name.len()).any(|part| part == name), "{kernel:?}");
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Pipelines made when they are needed, each with the pace that it runs at.
+
+use super::commands::Commands;
+use super::device::Device;
+use super::pacer::Pacer;
+use super::pipeline::{Kernel, Pipeline};
+use super::tiles::{self, Tiles};
+use crate::backend::BackendError;
+use bytemuck::bytes_of;
+use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch};
+use emboss_kernels::scene::Features;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+/// Most items of one batch dispatch: every Vulkan device runs at least 65535 workgroups along an axis.
+const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
+
+/// The pipelines of a backend: at most one for each kernel, for the features of the present scene.
+#[derive(Default)]
+pub(super) struct Programs {
+    features: Features,
+    made: Vec<Program>,
+}
+
+/// A pipeline, and how much work its submissions get.
+pub(super) struct Program {
+    pipeline: Pipeline,
+    kernel: Kernel,
+    features: Features,
+    pacer: Pacer,
+}
+
+impl Programs {
+    /// From now on pipelines are made for `features`. Those that hold other code are dropped, and the others forget
+    /// what they measured, since the scene changes.
+    pub(super) fn set_features(&mut self, features: Features) {
+        self.features = features;
+        self.made
+            .retain(|program| program.features == features_of(program.kernel, features));
+        for program in &mut self.made {
+            program.pacer = Pacer::new();
+        }
+    }
+
+    /// The program of a kernel, compiled now if this is the first time that it is needed.
+    pub(super) fn get(&mut self, device: &Arc<Device>, kernel: Kernel) -> Result<&mut Program, BackendError> {
+        let index = match self.made.iter().position(|program| program.kernel == kernel) {
+            Some(index) => index,
+            None => {
+                let features = features_of(kernel, self.features);
+                let pipeline = Pipeline::new(device, kernel, features)?;
+                self.made.push(Program {
+                    pipeline,
+                    kernel,
+                    features,
+                    pacer: Pacer::new(),
+                });
+                self.made.len() - 1
+            }
+        };
+        Ok(&mut self.made[index])
+    }
+}
+
+/// The part of `features` that a kernel's code depends on, the rest at its default: the specialisation constants
+/// that its entry point has.
+fn features_of(kernel: Kernel, features: Features) -> Features {
+    match kernel {
+        Kernel::Render => features,
+        Kernel::TraceRays => Features {
+            method: features.method,
+            height_format: features.height_format,
+            height_wrap: features.height_wrap,
+            counters: features.counters,
+            ..Features::default()
+        },
+        Kernel::Resolve | Kernel::Probe => Features::default(),
+    }
+}
+
+impl Program {
+    pub(super) fn pipeline(&self) -> &Pipeline {
+        &self.pipeline
+    }
+
+    /// Runs over a film of `width` x `height` pixels. Calls `progress` with the share done after each tile; `Break`
+    /// ends the pass there.
+    pub(super) fn run_tiles(
+        &mut self,
+        commands: &Commands,
+        [width, height]: [u32; 2],
+        sample: u32,
+        progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, BackendError> {
+        let mut tiles = Tiles::new(width, height);
+        self.pacer.begin_pass(width.saturating_mul(height));
+        while let Some(tile) = tiles.next(self.pacer.items(), sample) {
+            let ms = commands.run(self.kernel.activity(), |recorder| {
+                recorder.dispatch(&self.pipeline, bytes_of(&tile), tiles::groups(tile));
+            })?;
+            self.pacer.record(tile.width * tile.height, ms);
+            tracing::trace!("{tile:?}: {ms:.3} ms");
+            if progress(tiles.share_done()).is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+
+    /// Runs over items 0 to `count`; `kernel` is which elementary kernel `probe` runs.
+    pub(super) fn run_batches(
+        &mut self,
+        commands: &Commands,
+        count: u32,
+        kernel: u32,
+    ) -> Result<(), BackendError> {
+        self.pacer.begin_pass(count);
+        let mut first = 0;
+        while first < count {
+            let items = self.pacer.items().min(MOST_BATCH_ITEMS).min(count - first);
+            let batch = Batch {
+                first,
+                count: items,
+                kernel,
+            };
+            let groups = [items.div_ceil(BATCH_GROUP_SIZE), 1];
+            let ms = commands.run(self.kernel.activity(), |recorder| {
+                recorder.dispatch(&self.pipeline, bytes_of(&batch), groups);
+            })?;
+            self.pacer.record(items, ms);
+            first += items;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,494 @@
+//! The command line: what can be asked, what stands in for what is not, and what is said about it.
+//!
+//! Results go to standard output, messages and the progress bar to standard error. Exit codes: 0 done, 1 failed,
+//! 2 wrong usage, 130 interrupted (the picture so far is written where there is one).
+
+mod inputs;
+mod interrupt;
+mod progress;
+mod values;
+
+use crate::backend::select::{BackendChoice, devices, open_backend};
+use crate::backend::{BackendError, DeviceInfo};
+use crate::framing::View;
+use crate::picture::{Destination, PictureError, PictureFormat};
+use crate::render::{RenderError, Rendering, check_memory, prepare, render};
+use crate::scene::SceneError;
+use crate::settings::{Light, Method, Settings, Shade, Wrap};
+use crate::stats::{SettingsUsed, Stats, StatsError};
+use clap::Parser;
+use emboss_kernels::interface::counter;
+use glam::Vec3;
+use inputs::{InputError, Inputs, MapArgument, ModelArgument};
+use interrupt::Interrupt;
+use std::ffi::OsString;
+use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use tracing::level_filters::LevelFilter;
+
+/// Ray tracer for displacement-mapped triangle meshes that never tessellates them
+#[derive(Debug, Parser)]
+#[command(name = "emboss", version)]
+#[command(after_help = "Without a command, emboss renders builtin:knot to emboss.png.")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Render a model to a picture
+    Render(Box<RenderArgs>),
+    /// List what can render
+    Devices,
+}
+
+/// The first six arguments may be left out from the end; `-` stands for one that is left out before another. What
+/// stands in for them is printed.
+#[derive(Debug, clap::Args)]
+struct RenderArgs {
+    /// OBJ file, or builtin:knot, builtin:cube, builtin:quilt [default: builtin:knot]
+    #[arg(value_parser = values::model())]
+    model: Option<ModelArgument>,
+    /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, else none]
+    #[arg(value_parser = values::map())]
+    color: Option<MapArgument>,
+    /// Height map, or none; colour images count by their luminance [default: the built-in's, or the disp, map_disp
+    /// or bump of the OBJ's materials, else none]
+    #[arg(value_parser = values::map())]
+    height: Option<MapArgument>,
+    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5]
+    #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
+    zero: Option<values::OrDefault<f32>>,
+    /// Height from black to white, in model units, may be negative [default: the built-in's, else 5 % of the
+    /// diagonal of the model's box]
+    #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
+    scale: Option<values::OrDefault<f32>>,
+    /// Subdivisions: parts of each triangle's side, 1 to 4096 [default: the built-in's, else 16]
+    #[arg(value_name = "N", value_parser = values::subdivisions_or_default)]
+    subdivisions: Option<values::OrDefault<u32>>,
+
+    /// Picture to write: .png, or .exr (linear floats, premultiplied)
+    #[arg(short, long, value_name = "FILE", default_value = "emboss.png")]
+    output: PathBuf,
+    /// Bits a channel of a PNG: 8 or 16 [default: 8]
+    #[arg(long, value_name = "BITS", value_parser = values::png_format)]
+    depth: Option<PictureFormat>,
+    /// Size of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = values::size)]
+    size: (u32, u32),
+    /// Samples of each pixel
+    #[arg(long, value_name = "COUNT", default_value = "16", value_parser = values::samples)]
+    samples: u32,
+    /// How displaced triangles are intersected
+    #[arg(long, value_enum, default_value_t = Method::GridWalk)]
+    method: Method,
+    /// What pixels show
+    #[arg(long, value_enum, default_value_t = Shade::Lit)]
+    shade: Shade,
+    /// What renders: auto takes a graphics card, else the CPU
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    backend: BackendChoice,
+    /// The Vulkan device to use, by its number or a part of its name as `emboss devices` lists them
+    #[arg(long, value_name = "DEVICE")]
+    device: Option<String>,
+    /// Camera [default: sees the whole model]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    eye: Option<Vec3>,
+    /// Middle of the picture [default: the middle of the model]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    target: Option<Vec3>,
+    /// Direction that is up in the picture [default: 0,1,0]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    up: Option<Vec3>,
+    /// Angle between the picture's upper and lower edge, in degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = View::FOV, value_parser = values::fov)]
+    fov: f32,
+    /// Point light: position, linear colour (white), intensity (irradiance times squared distance; as much as makes
+    /// white look white in the middle of the picture). May be repeated [default: the built-in's, else one over the
+    /// viewer's left shoulder]
+    #[arg(
+        long = "light",
+        value_name = "X,Y,Z[:R,G,B[:I]]",
+        value_parser = values::light,
+        allow_hyphen_values = true
+    )]
+    lights: Vec<Light>,
+    /// Lights cast no shadows
+    #[arg(long)]
+    no_shadows: bool,
+    /// How maps are read outside [0,1)
+    #[arg(long, value_enum, default_value_t = Wrap::Repeat)]
+    wrap: Wrap,
+    /// Turn the height map upside down: white is low
+    #[arg(long)]
+    invert: bool,
+    /// Seed of the random numbers: the same seed gives the same picture
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Write statistics as JSON; counting them takes a little time
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    /// Check every Vulkan call with the validation layers, which have to be installed
+    #[arg(long)]
+    validate: bool,
+    /// Fill the background with a colour: sRGB values from 0 to 1, as an image editor shows them divided by 255
+    /// [default: transparent]
+    #[arg(long, value_name = "R,G,B", value_parser = values::background, allow_hyphen_values = true)]
+    background: Option<Vec3>,
+    /// Light that reaches every point, as a share of full light
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = values::not_negative)]
+    ambient: f32,
+    /// Say nothing but errors
+    #[arg(short, long, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more
+    #[arg(short, long)]
+    verbose: bool,
+}
+
+/// Why a command failed. Each message says what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+enum CliError {
+    #[error("--depth chooses the bits of a PNG, but {} is none; leave --depth out or name the output .png", .0.display())]
+    DepthWithoutPng(PathBuf),
+    #[error("--device chooses a Vulkan device, but --backend cpu uses none; leave one of them out")]
+    DeviceWithCpu,
+    #[error(transparent)]
+    Input(#[from] InputError),
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    #[error(transparent)]
+    Stats(#[from] StatsError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    #[error("interrupted before there was anything to see; no picture was written")]
+    InterruptedEarly,
+    #[error("interrupted; the picture so far was written to {}", .0.display())]
+    Interrupted(PathBuf),
+}
+
+impl CliError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            CliError::DepthWithoutPng(_)
+            | CliError::DeviceWithCpu
+            | CliError::Picture(PictureError::UnknownFormat { .. })
+            | CliError::Input(InputError::UnknownBuiltin { .. })
+            | CliError::Render(RenderError::Framing(_)) => 2,
+            // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
+            CliError::Interrupted(_) | CliError::InterruptedEarly => 130,
+            _ => 1,
+        }
+    }
+}
+
+impl From<SceneError> for CliError {
+    fn from(error: SceneError) -> Self {
+        CliError::Input(error.into())
+    }
+}
+
+impl From<BackendError> for CliError {
+    fn from(error: BackendError) -> Self {
+        CliError::Render(error.into())
+    }
+}
+
+/// Runs the program with the process's arguments.
+pub fn run() -> ExitCode {
+    match Cli::try_parse_from(with_command(std::env::args_os().collect())) {
+        Ok(cli) => finish(cli.command.run()),
+        Err(usage) => {
+            // Help and version come as errors too, with the code 0. A closed pipe is no reason to fail.
+            let _ = usage.print();
+            ExitCode::from(u8::try_from(usage.exit_code()).unwrap_or(2))
+        }
+    }
+}
+
+/// The arguments, with `render` as the command where there are none.
+fn with_command(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    if arguments.len() < 2 {
+        arguments.resize(1, "emboss".into());
+        arguments.push("render".into());
+    }
+    arguments
+}
+
+/// Reports an error and turns the result into an exit code.
+fn finish(result: Result<(), CliError>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "error: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+impl Command {
+    fn run(self) -> Result<(), CliError> {
+        match self {
+            Command::Render(args) => {
+                start_log(args.log_level());
+                args.run()
+            }
+            Command::Devices => {
+                start_log(LevelFilter::INFO);
+                list_devices();
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Sends messages of a level or above to standard error.
+fn start_log(level: LevelFilter) {
+    let log = tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time();
+    // Only a second call could fail, and there is none.
+    let _ = log.try_init();
+}
+
+/// Prints a line to standard output. A reader that has gone away (`emboss devices | head -1`) is no failure.
+fn say(line: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+fn list_devices() {
+    for DeviceInfo {
+        backend,
+        name,
+        kind,
+        details,
+    } in devices()
+    {
+        say(format_args!("{backend:<8}{name} ({kind:?}, {details})"));
+    }
+}
+
+impl RenderArgs {
+    /// Renders: first everything that can be refused quickly, then the work.
+    fn run(self) -> Result<(), CliError> {
+        let destination = self.destination()?;
+        destination.check()?;
+        if let Some(path) = &self.stats {
+            Stats::check(path)?;
+        }
+        let mut settings = self.settings();
+        check_memory(&settings)?;
+        let interrupt = Interrupt::install();
+        let mut backend = self.open_backend()?;
+
+        let inputs = self.inputs(&mut settings)?;
+        self.report(&inputs);
+        let scene = inputs.scene;
+        let used = SettingsUsed::new(
+            &settings,
+            self.samples,
+            scene.zero,
+            scene.scale,
+            scene.subdivisions,
+        );
+        let job = prepare(scene, &settings)?;
+        tracing::debug!(
+            "BVH of {} nodes built in {:.1?}",
+            job.buffers.nodes.len(),
+            job.bvh_build
+        );
+        if interrupt.requested() {
+            return Err(CliError::InterruptedEarly);
+        }
+
+        let bar = progress::bar(self.quiet);
+        let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
+            bar.set_position(progress::position(share));
+            if interrupt.requested() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        })?;
+        bar.finish_and_clear();
+
+        warn_of_caps(&rendering);
+        destination.write(&rendering.picture)?;
+        if let Some(path) = &self.stats {
+            Stats::new(&job, &rendering, backend.device(), used).write(path)?;
+        }
+        if rendering.interrupted {
+            return Err(CliError::Interrupted(destination.path));
+        }
+        self.report_done(&destination, &rendering, backend.device());
+        Ok(())
+    }
+
+    fn log_level(&self) -> LevelFilter {
+        match (self.quiet, self.verbose) {
+            (true, _) => LevelFilter::ERROR,
+            (_, true) => LevelFilter::DEBUG,
+            _ => LevelFilter::INFO,
+        }
+    }
+
+    fn destination(&self) -> Result<Destination, CliError> {
+        let mut destination = Destination::new(self.output.clone())?;
+        match (self.depth, destination.format) {
+            (Some(_), PictureFormat::Exr) => return Err(CliError::DepthWithoutPng(destination.path)),
+            (Some(format), _) => destination.format = format,
+            (None, _) => {}
+        }
+        Ok(destination)
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            width: self.size.0,
+            height: self.size.1,
+            method: self.method,
+            shade: self.shade,
+            shadows: !self.no_shadows,
+            wrap: self.wrap,
+            view: View {
+                eye: self.eye,
+                target: self.target,
+                up: self.up,
+                fov: self.fov,
+                ..View::default()
+            },
+            lights: self.lights.clone(),
+            ambient: self.ambient,
+            background: self.background,
+            seed: self.seed,
+            counting: self.stats.is_some(),
+        }
+    }
+
+    fn open_backend(&self) -> Result<Box<dyn crate::backend::Backend>, CliError> {
+        if self.backend == BackendChoice::Cpu && self.device.is_some() {
+            return Err(CliError::DeviceWithCpu);
+        }
+        Ok(open_backend(self.backend, self.device.as_deref(), self.validate)?)
+    }
+
+    /// Loads what the six arguments name; a built-in scene also brings its view and its lights.
+    fn inputs(&self, settings: &mut Settings) -> Result<Inputs, CliError> {
+        let inputs = inputs::load(&inputs::Request {
+            model: self.model.clone().unwrap_or_default(),
+            color: self.color.clone().unwrap_or_default(),
+            height: self.height.clone().unwrap_or_default(),
+            zero: self.zero.and_then(values::OrDefault::given),
+            scale: self.scale.and_then(values::OrDefault::given),
+            subdivisions: self.subdivisions.and_then(values::OrDefault::given),
+            invert: self.invert,
+        })?;
+        if let Some((from, up)) = inputs.view {
+            (settings.view.from, settings.view.usual_up) = (from, up);
+        }
+        if settings.lights.is_empty() {
+            settings.lights.clone_from(&inputs.lights);
+        }
+        Ok(inputs)
+    }
+
+    /// Says what the six arguments are, and what was imported.
+    fn report(&self, inputs: &Inputs) {
+        if self.quiet {
+            return;
+        }
+        inputs.choices.iter().for_each(say);
+        let mesh = &inputs.scene.mesh;
+        let dropped = match mesh.dropped {
+            0 => String::new(),
+            dropped => format!(", left out {dropped} of zero area"),
+        };
+        say(format_args!(
+            "Imported {} triangles{dropped}",
+            mesh.triangles.len()
+        ));
+    }
+
+    fn report_done(&self, destination: &Destination, rendering: &Rendering, device: &DeviceInfo) {
+        if self.quiet {
+            return;
+        }
+        say(format_args!(
+            "Wrote {}: {}x{}, {} samples a pixel in {:.2} s on {} ({})",
+            destination.path.display(),
+            rendering.picture.width,
+            rendering.picture.height,
+            self.samples,
+            rendering.elapsed.as_secs_f64(),
+            device.name,
+            device.backend
+        ));
+    }
+}
+
+/// A walk that meets its cap may have missed a hit: never silently.
+fn warn_of_caps(rendering: &Rendering) {
+    let hits = rendering.totals[counter::CAP_HITS as usize];
+    if hits > 0 {
+        tracing::warn!(
+            "{hits} walks met their cap on steps and may have missed the surface; compare with --method brute-force"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    fn parsed(arguments: &[&str]) -> RenderArgs {
+        let arguments = with_command(arguments.iter().map(OsString::from).collect());
+        match Cli::try_parse_from(arguments).expect("valid").command {
+            Command::Render(args) => *args,
+            Command::Devices => panic!("not render"),
+        }
+    }
+
+    #[test]
+    fn no_arguments_render_the_default() {
+        assert_eq!(parsed(&["emboss"]).output, PathBuf::from("emboss.png"));
+        assert!(parsed(&[]).model.is_none());
+    }
+
+    #[test]
+    fn six_arguments_come_in_their_order() {
+        let args = parsed(&["emboss", "render", "frog.obj", "none", "-", "0.25", "-0.5", "8"]);
+        assert_eq!(args.model, Some(ModelArgument::File("frog.obj".into())));
+        assert_eq!(args.color, Some(MapArgument::None));
+        assert_eq!(args.height, Some(MapArgument::Default));
+        assert_eq!(args.zero.and_then(values::OrDefault::given), Some(0.25));
+        assert_eq!(args.scale.and_then(values::OrDefault::given), Some(-0.5));
+        assert_eq!(args.subdivisions.and_then(values::OrDefault::given), Some(8));
+    }
+
+    #[test]
+    fn vectors_may_start_with_a_minus() {
+        let args = parsed(&["emboss", "render", "--eye", "-1,2,3", "--light", "-1,0,0:1,1,0:5"]);
+        assert_eq!(args.eye, Some(Vec3::new(-1.0, 2.0, 3.0)));
+        assert_eq!(args.lights[0].intensity, Some(5.0));
+    }
+
+    #[test]
+    fn depth_belongs_to_png() {
+        let depth = |output| parsed(&["emboss", "render", "--depth", "16", "-o", output]).destination();
+        assert_eq!(depth("a.png").expect("fits").format, PictureFormat::Png16);
+        assert_eq!(depth("a.exr").expect_err("floats").exit_code(), 2);
+    }
+}

@@ -1,0 +1,289 @@
+//! From a scene and settings to a picture: buffers and BVH, samples one after the other, and what it took.
+
+use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
+use crate::bvh::Bvh;
+use crate::framing::{self, Framing, FramingError};
+use crate::picture::Picture;
+use crate::scene::{ColorMap, HeightMap, Mesh};
+use crate::settings::{Light, Method, Settings};
+use emboss_kernels::aabb::Aabb;
+use emboss_kernels::displacement::surface::prism_bounds;
+use emboss_kernels::interface::{Displacement, FilmPixel, Frame, PointLight, color_format};
+use emboss_kernels::scene::Features;
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+/// Linear RGB of a surface without a colour map: a light grey, so that both light and shade show.
+const ALBEDO: Vec3 = Vec3::splat(0.8);
+
+/// A model with its maps, and how the height map displaces it.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The base mesh.
+    pub mesh: Mesh,
+    /// The height map.
+    pub height_map: HeightMap,
+    /// The colour map; without one the surface is light grey.
+    pub color_map: Option<ColorMap>,
+    /// The texel value of no displacement.
+    pub zero: f32,
+    /// Height of a texel step from 0 to 1, in model units.
+    pub scale: f32,
+    /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS).
+    pub subdivisions: u32,
+}
+
+/// A scene made ready for a backend.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// What the kernels read.
+    pub buffers: SceneBuffers,
+    /// What all pixels share.
+    pub frame: Frame,
+    /// Which code is needed.
+    pub features: Features,
+    /// How long the BVH took, with its boxes.
+    pub bvh_build: Duration,
+}
+
+/// What comes of a job.
+#[derive(Clone, Debug)]
+pub struct Rendering {
+    /// The mean of the samples so far.
+    pub picture: Picture,
+    /// The work it took.
+    pub totals: Totals,
+    /// The time from the first sample to the last.
+    pub elapsed: Duration,
+    /// Whether it was stopped before the last sample was complete.
+    pub interrupted: bool,
+}
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// No camera.
+    #[error(transparent)]
+    Framing(#[from] FramingError),
+    /// The film is larger than this machine's memory.
+    #[error(
+        "a picture of {width}x{height} needs {needed} MiB, but only {available} MiB of memory are free; choose a smaller --size"
+    )]
+    Memory {
+        /// Pixels of a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// What is needed, in MiB.
+        needed: u64,
+        /// What is there, in MiB.
+        available: u64,
+    },
+    /// The backend failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+}
+
+/// Finds out whether a picture fits in memory, before anything is computed for it. Where the system does not tell
+/// how much is free, the backend's allocation decides.
+pub fn check_memory(settings: &Settings) -> Result<(), RenderError> {
+    const MIB: u64 = 1 << 20;
+    // The film, the resolved picture, and its quantised copy of at most 16 bits a channel.
+    let per_pixel = size_of::<FilmPixel>() + size_of::<Vec4>() + size_of::<[u16; 4]>();
+    let needed = settings.pixels().saturating_mul(per_pixel as u64);
+    match available_memory() {
+        Some(available) if needed > available => Err(RenderError::Memory {
+            width: settings.width,
+            height: settings.height,
+            needed: needed.div_ceil(MIB),
+            available: available / MIB,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Bytes of memory that can be had without swapping, where the system tells it in a file.
+fn available_memory() -> Option<u64> {
+    let meminfo = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = meminfo
+        .lines()
+        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
+}
+
+/// Makes a scene ready: its BVH, its camera and its lights.
+pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
+    let displacement = displacement(&scene, settings.method);
+    let start = Instant::now();
+    let boxes = prism_boxes(&scene.mesh, &displacement);
+    let bvh = Bvh::build(&boxes);
+    let bvh_build = start.elapsed();
+    debug_assert_eq!(bvh.validate(&boxes).err(), None);
+    let aspect = f64::from(settings.width) / f64::from(settings.height);
+    let framing = framing::frame(&settings.view, &boxes, aspect)?;
+    let lights = point_lights(&settings.lights, &framing);
+    let frame = frame(&scene, settings, displacement, &framing, &lights);
+    let features = features(&scene, settings);
+    let buffers = SceneBuffers {
+        vertices: scene.mesh.vertices,
+        triangles: scene.mesh.triangles,
+        nodes: bvh.nodes,
+        primitives: bvh.primitives,
+        height_texels: scene.height_map.texels,
+        color_texels: scene.color_map.map_or_else(Vec::new, |map| map.texels),
+        lights,
+    };
+    Ok(Job {
+        buffers,
+        frame,
+        features,
+        bvh_build,
+    })
+}
+
+/// Takes `samples` samples of every pixel. Calls `progress` with the share done (0 to 1) between tiles; `Break`
+/// ends the rendering, and the picture is what there is by then.
+pub fn render(
+    backend: &mut dyn Backend,
+    job: &Job,
+    samples: u32,
+    progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+) -> Result<Rendering, BackendError> {
+    backend.load(&job.buffers, &job.frame, job.features)?;
+    let start = Instant::now();
+    let mut flow = ControlFlow::Continue(());
+    for sample in 0..samples {
+        let share = |pass: f32| (sample as f32 + pass) / samples as f32;
+        flow = backend.add_sample(sample, &mut |pass| progress(share(pass)))?;
+        if flow.is_break() {
+            break;
+        }
+    }
+    let elapsed = start.elapsed();
+    let picture = Picture {
+        width: job.frame.width,
+        height: job.frame.height,
+        pixels: backend.resolve()?,
+    };
+    Ok(Rendering {
+        picture,
+        totals: backend.totals()?,
+        elapsed,
+        interrupted: flow.is_break(),
+    })
+}
+
+/// The relief as the kernels read it; flat where the method does not displace.
+fn displacement(scene: &Scene, method: Method) -> Displacement {
+    let scale = if method == Method::None { 0.0 } else { scene.scale };
+    let (height_min, height_max) = height_range(scene.height_map.range, scale, scene.zero);
+    Displacement {
+        scale,
+        zero: scene.zero,
+        subdivisions: scene.subdivisions,
+        map_width: scene.height_map.width,
+        map_height: scene.height_map.height,
+        height_min,
+        height_max,
+        padding: 0,
+    }
+}
+
+/// Bounds on `scale * (texel - zero)` as the kernels compute it from texels in `range`. Their rounding: the texel's
+/// conversion and its bilinear weights leave it within 6 roundings of the larger texels, the difference and the
+/// product add two. Eight times the machine epsilon is twice that.
+fn height_range(range: (f32, f32), scale: f32, zero: f32) -> (f32, f32) {
+    let (low, high, scale, zero) = (
+        f64::from(range.0),
+        f64::from(range.1),
+        f64::from(scale),
+        f64::from(zero),
+    );
+    let slack = 8.0 * f64::from(f32::EPSILON) * scale.abs() * (low.abs().max(high.abs()) + zero.abs());
+    let (a, b) = (scale * (low - zero), scale * (high - zero));
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "rounded outwards in the same expression"
+    )]
+    let rounded = ((a.min(b) - slack) as f32, (a.max(b) + slack) as f32);
+    if scale == 0.0 {
+        (0.0, 0.0)
+    } else {
+        (rounded.0.next_down(), rounded.1.next_up())
+    }
+}
+
+/// The box of each displaced triangle.
+fn prism_boxes(mesh: &Mesh, displacement: &Displacement) -> Vec<Aabb> {
+    mesh.triangles
+        .par_iter()
+        .map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement))
+        .collect()
+}
+
+/// The lights as the kernels read them.
+fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
+    if lights.is_empty() {
+        return vec![framing::key_light(framing)];
+    }
+    let point_light = |light: &Light| PointLight {
+        position: light.position,
+        color: light.color,
+        intensity: light
+            .intensity
+            .unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
+        padding: 0,
+    };
+    lights.iter().map(point_light).collect()
+}
+
+fn frame(
+    scene: &Scene,
+    settings: &Settings,
+    displacement: Displacement,
+    framing: &Framing,
+    lights: &[PointLight],
+) -> Frame {
+    let count = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
+    let (color_width, color_height) = scene
+        .color_map
+        .as_ref()
+        .map_or((1, 1), |map| (map.width, map.height));
+    Frame {
+        camera: framing.camera,
+        displacement,
+        width: settings.width,
+        height: settings.height,
+        seed: settings.seed,
+        light_count: count(lights.len()),
+        albedo: ALBEDO,
+        ambient: settings.ambient,
+        background: settings.background.unwrap_or(Vec3::ZERO),
+        background_alpha: if settings.background.is_some() { 1.0 } else { 0.0 },
+        color_width,
+        color_height,
+        triangle_count: count(scene.mesh.triangles.len()),
+        steps_scale: settings.method.many_steps(scene.subdivisions),
+    }
+}
+
+/// The switches that scene and settings need.
+fn features(scene: &Scene, settings: &Settings) -> Features {
+    Features {
+        method: settings.method.id(),
+        shade: settings.shade.id(),
+        shadows: u32::from(settings.shadows),
+        height_format: scene.height_map.format,
+        color_format: scene
+            .color_map
+            .as_ref()
+            .map_or(color_format::NONE, |map| map.format),
+        height_wrap: settings.wrap.id(),
+        color_wrap: settings.wrap.id(),
+        counters: u32::from(settings.counting),
+    }
+}

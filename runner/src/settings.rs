@@ -1,0 +1,159 @@
+//! What a user can choose about a picture, apart from the model.
+
+use crate::framing::View;
+use emboss_kernels::interface::{method, shade, wrap};
+use glam::Vec3;
+
+/// How displaced triangles are intersected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The grid walk of Smits, Shirley and Stark 2000
+    GridWalk,
+    /// Every one of the N² micro-triangles, the slow reference
+    BruteForce,
+    /// The base triangles, undisplaced
+    None,
+}
+
+impl Method {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            Method::GridWalk => method::GRID_WALK,
+            Method::BruteForce => method::BRUTE_FORCE,
+            Method::None => method::NONE,
+        }
+    }
+
+    /// The number of steps of a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
+    /// (6N) or scans, or 64 base triangles.
+    pub fn many_steps(self, subdivisions: u32) -> u32 {
+        match self {
+            Method::GridWalk => 12 * subdivisions,
+            Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
+            Method::None => 64,
+        }
+    }
+}
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shade {
+    /// Lambert and ambient light, times the colour map
+    Lit,
+    /// The geometric normal, [-1,1] mapped to [0,1]
+    Normal,
+    /// The height, its range mapped to black-white
+    Height,
+    /// Texture coordinates in red and green
+    Uv,
+    /// A colour per micro-triangle
+    Cell,
+    /// Work of the primary ray, from blue (little) to red (much)
+    Steps,
+}
+
+impl Shade {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            Shade::Lit => shade::LIT,
+            Shade::Normal => shade::NORMAL,
+            Shade::Height => shade::HEIGHT,
+            Shade::Uv => shade::UV,
+            Shade::Cell => shade::CELL,
+            Shade::Steps => shade::STEPS,
+        }
+    }
+}
+
+/// How texture coordinates outside [0,1) are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Wrap {
+    /// Maps repeat
+    Repeat,
+    /// Border texels go on outwards
+    Clamp,
+    /// Maps repeat, each second copy mirrored
+    Mirror,
+}
+
+impl Wrap {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            Wrap::Repeat => wrap::REPEAT,
+            Wrap::Clamp => wrap::CLAMP,
+            Wrap::Mirror => wrap::MIRROR,
+        }
+    }
+}
+
+/// A point light as the user gives it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// Where it is, in model units.
+    pub position: Vec3,
+    /// Linear RGB.
+    pub color: Vec3,
+    /// Irradiance times squared distance. `None`: as much as gives the irradiance pi at the camera's target.
+    pub intensity: Option<f32>,
+}
+
+/// A picture's settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Pixels of a row, at least 1.
+    pub width: u32,
+    /// Rows, at least 1.
+    pub height: u32,
+    /// How displaced triangles are intersected.
+    pub method: Method,
+    /// What a pixel shows.
+    pub shade: Shade,
+    /// Whether lights cast shadows.
+    pub shadows: bool,
+    /// How both maps are read outside [0,1).
+    pub wrap: Wrap,
+    /// Where the camera is.
+    pub view: View,
+    /// The lights. Empty: the key light of the camera ([`key_light`](crate::framing::key_light)).
+    pub lights: Vec<Light>,
+    /// Light that reaches every point, as a share of full light.
+    pub ambient: f32,
+    /// Linear RGB behind the surface. `None`: transparent.
+    pub background: Option<Vec3>,
+    /// Seed of the random numbers.
+    pub seed: u32,
+    /// Whether rays, boxes, cells and triangles are counted; it costs a little time.
+    pub counting: bool,
+}
+
+impl Settings {
+    /// Pixels of a picture. Fits: each side is a `u32`.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            width: 1024,
+            height: 1024,
+            method: Method::GridWalk,
+            shade: Shade::Lit,
+            shadows: true,
+            wrap: Wrap::Repeat,
+            view: View::default(),
+            lights: Vec::new(),
+            ambient: 0.1,
+            background: None,
+            seed: 0,
+            counting: false,
+        }
+    }
+}

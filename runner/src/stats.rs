@@ -1,0 +1,243 @@
+//! What a rendering took, as `--stats` writes it.
+
+use crate::backend::DeviceInfo;
+use crate::render::{Job, Rendering};
+use crate::settings::{Method, Settings, Shade, Wrap};
+use emboss_kernels::interface::{FilmPixel, counter};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Statistics of a rendering. Times are in milliseconds, sizes in bytes.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stats {
+    /// Base triangles.
+    pub triangles: u64,
+    /// Micro-triangles of the surface: N² for each base triangle. None of them is stored.
+    pub micro_triangles: u64,
+    /// Time for the boxes of the displaced triangles and the BVH over them.
+    pub bvh_build_ms: f64,
+    /// Time for all samples, without loading and without storing the picture.
+    pub frame_ms: f64,
+    /// Primary and shadow rays.
+    pub rays: u64,
+    /// Rays divided by the frame's time.
+    pub rays_per_second: f64,
+    /// Pixels in which the model is hit: primary rays that hit, divided by samples of a pixel.
+    pub pixels_hit: f64,
+    /// Whether the rendering was stopped before its last sample.
+    pub interrupted: bool,
+    /// `vulkan` or `cpu`.
+    pub backend: &'static str,
+    /// The device's name.
+    pub device: String,
+    /// Memory of what the kernels read and write.
+    pub bytes: Bytes,
+    /// Work of all rays.
+    pub work: Work,
+    /// What was asked for.
+    pub settings: SettingsUsed,
+}
+
+/// Bytes of each kind of data.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bytes {
+    /// Corners of the base mesh.
+    pub vertices: u64,
+    /// Base triangles.
+    pub triangles: u64,
+    /// Nodes of the BVH.
+    pub nodes: u64,
+    /// Order of the triangles in the BVH's leaves.
+    pub primitives: u64,
+    /// Texels of the height map.
+    pub height_texels: u64,
+    /// Texels of the colour map.
+    pub color_texels: u64,
+    /// Lights.
+    pub lights: u64,
+    /// Sums of samples.
+    pub film: u64,
+}
+
+/// The work counters: see [`counter`].
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Work {
+    /// Primary rays.
+    pub primary_rays: u64,
+    /// Shadow rays.
+    pub shadow_rays: u64,
+    /// Primary rays that hit.
+    pub hits: u64,
+    /// Ray/box tests.
+    pub boxes: u64,
+    /// Prisms entered.
+    pub prisms: u64,
+    /// Steps of grid walks: cells walked.
+    pub steps: u64,
+    /// Micro-triangles or base triangles tested.
+    pub triangles: u64,
+    /// Walks that met their cap on steps.
+    pub cap_hits: u64,
+    /// Prisms scanned because their walk could not be trusted.
+    pub scans: u64,
+}
+
+/// The settings that decide how much work there is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SettingsUsed {
+    /// Parts of each triangle's side.
+    #[serde(rename = "N")]
+    pub subdivisions: u32,
+    /// The texel value of no displacement.
+    pub zero: f32,
+    /// Height of a texel step from 0 to 1, in model units.
+    pub scale: f32,
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples of a pixel.
+    pub samples: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+    /// How displaced triangles were intersected.
+    pub method: Method,
+    /// What pixels show.
+    pub shade: Shade,
+    /// Whether lights cast shadows.
+    pub shadows: bool,
+    /// How maps are read outside [0,1).
+    pub wrap: Wrap,
+}
+
+impl SettingsUsed {
+    /// What was asked for: `zero`, `scale` and N as chosen, also where the method does not displace.
+    pub fn new(settings: &Settings, samples: u32, zero: f32, scale: f32, subdivisions: u32) -> SettingsUsed {
+        SettingsUsed {
+            subdivisions,
+            zero,
+            scale,
+            width: settings.width,
+            height: settings.height,
+            samples,
+            seed: settings.seed,
+            method: settings.method,
+            shade: settings.shade,
+            shadows: settings.shadows,
+            wrap: settings.wrap,
+        }
+    }
+}
+
+impl Stats {
+    /// The statistics of a rendering whose work was counted ([`Settings::counting`]).
+    pub fn new(job: &Job, rendering: &Rendering, device: &DeviceInfo, settings: SettingsUsed) -> Stats {
+        let work = Work::new(rendering);
+        let rays = work.primary_rays + work.shadow_rays;
+        let triangles = job.buffers.triangles.len() as u64;
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        Stats {
+            triangles,
+            micro_triangles: triangles * u64::from(settings.subdivisions).pow(2),
+            bvh_build_ms: milliseconds(job.bvh_build),
+            frame_ms: milliseconds(rendering.elapsed),
+            rays,
+            rays_per_second: ratio(rays as f64, rendering.elapsed.as_secs_f64()),
+            pixels_hit: ratio(work.hits as f64 * pixels as f64, work.primary_rays as f64),
+            interrupted: rendering.interrupted,
+            backend: device.backend,
+            device: device.name.clone(),
+            bytes: Bytes::new(job),
+            work,
+            settings,
+        }
+    }
+
+    /// Finds out whether they could be written, before the work that they are about.
+    pub fn check(path: &Path) -> Result<(), StatsError> {
+        let folder = path
+            .parent()
+            .filter(|folder| *folder != Path::new(""))
+            .unwrap_or(Path::new("."));
+        if folder.is_dir() && !path.is_dir() {
+            return Ok(());
+        }
+        let reason = if path.is_dir() {
+            "it is a folder"
+        } else {
+            "its folder does not exist"
+        };
+        Err(StatsError {
+            path: path.to_owned(),
+            reason: std::io::Error::other(reason),
+        })
+    }
+
+    /// Writes them as JSON.
+    pub fn write(&self, path: &Path) -> Result<(), StatsError> {
+        let failed = |reason| StatsError {
+            path: path.to_owned(),
+            reason,
+        };
+        let mut json = serde_json::to_string_pretty(self).map_err(|e| failed(e.into()))?;
+        json.push('\n');
+        std::fs::write(path, json).map_err(failed)
+    }
+}
+
+/// The statistics could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: the statistics could not be written ({reason}); choose another --stats", path.display())]
+pub struct StatsError {
+    /// The file.
+    pub path: PathBuf,
+    /// What the system said.
+    pub reason: std::io::Error,
+}
+
+impl Bytes {
+    fn new(job: &Job) -> Bytes {
+        let buffers = &job.buffers;
+        Bytes {
+            vertices: bytes(&buffers.vertices),
+            triangles: bytes(&buffers.triangles),
+            nodes: bytes(&buffers.nodes),
+            primitives: bytes(&buffers.primitives),
+            height_texels: bytes(&buffers.height_texels),
+            color_texels: bytes(&buffers.color_texels),
+            lights: bytes(&buffers.lights),
+            film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
+        }
+    }
+}
+
+impl Work {
+    fn new(rendering: &Rendering) -> Work {
+        let total = |counter: u32| rendering.totals[counter as usize];
+        Work {
+            primary_rays: total(counter::PRIMARY_RAYS),
+            shadow_rays: total(counter::SHADOW_RAYS),
+            hits: total(counter::HITS),
+            boxes: total(counter::BOXES),
+            prisms: total(counter::PRISMS),
+            steps: total(counter::CELLS),
+            triangles: total(counter::TRIANGLES),
+            cap_hits: total(counter::CAP_HITS),
+            scans: total(counter::SCANS),
+        }
+    }
+}
+
+fn bytes<T>(items: &[T]) -> u64 {
+    size_of_val(items) as u64
+}
+
+fn milliseconds(duration: Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}
+
+/// `a / b`; 0 where nothing was done.
+fn ratio(a: f64, b: f64) -> f64 {
+    if b > 0.0 { a / b } else { 0.0 }
+}
