@@ -264,13 +264,7 @@ fn say(line: impl std::fmt::Display) {
 }
 
 fn list_devices() {
-    for DeviceInfo {
-        backend,
-        name,
-        kind,
-        details,
-    } in devices()
-    {
+    for DeviceInfo { backend, name, kind, details } in devices() {
         say(format_args!("{backend:<8}{name} ({kind:?}, {details})"));
     }
 }
@@ -291,19 +285,9 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(
-            &settings,
-            self.samples,
-            scene.zero,
-            scene.scale,
-            scene.subdivisions,
-        );
+        let used = SettingsUsed::new(&settings, self.samples, scene.zero, scene.scale, scene.subdivisions);
         let job = prepare(scene, &settings)?;
-        tracing::debug!(
-            "BVH of {} nodes built in {:.1?}",
-            job.buffers.nodes.len(),
-            job.bvh_build
-        );
+        tracing::debug!("BVH of {} nodes built in {:.1?}", job.buffers.nodes.len(), job.bvh_build);
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);
         }
@@ -311,11 +295,7 @@ impl RenderArgs {
         let bar = progress::bar(self.quiet);
         let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
             bar.set_position(progress::position(share));
-            if interrupt.requested() {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
+            if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
         bar.finish_and_clear();
 
@@ -357,13 +337,7 @@ impl RenderArgs {
             shade: self.shade,
             shadows: !self.no_shadows,
             wrap: self.wrap,
-            view: View {
-                eye: self.eye,
-                target: self.target,
-                up: self.up,
-                fov: self.fov,
-                ..View::default()
-            },
+            view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },
             lights: self.lights.clone(),
             ambient: self.ambient,
             background: self.background,
@@ -410,10 +384,7 @@ impl RenderArgs {
             0 => String::new(),
             dropped => format!(", left out {dropped} of zero area"),
         };
-        say(format_args!(
-            "Imported {} triangles{dropped}",
-            mesh.triangles.len()
-        ));
+        say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
     }
 
     fn report_done(&self, destination: &Destination, rendering: &Rendering, device: &DeviceInfo) {

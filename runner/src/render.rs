@@ -108,9 +108,7 @@ pub fn check_memory(settings: &Settings) -> Result<(), RenderError> {
 /// Bytes of memory that can be had without swapping, where the system tells it in a file.
 fn available_memory() -> Option<u64> {
     let meminfo = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = meminfo
-        .lines()
-        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kib.checked_mul(1024)
 }
@@ -137,12 +135,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         color_texels: scene.color_map.map_or_else(Vec::new, |map| map.texels),
         lights,
     };
-    Ok(Job {
-        buffers,
-        frame,
-        features,
-        bvh_build,
-    })
+    Ok(Job { buffers, frame, features, bvh_build })
 }
 
 /// Takes `samples` samples of every pixel. Calls `progress` with the share done (0 to 1) between tiles; `Break`
@@ -164,17 +157,8 @@ pub fn render(
         }
     }
     let elapsed = start.elapsed();
-    let picture = Picture {
-        width: job.frame.width,
-        height: job.frame.height,
-        pixels: backend.resolve()?,
-    };
-    Ok(Rendering {
-        picture,
-        totals: backend.totals()?,
-        elapsed,
-        interrupted: flow.is_break(),
-    })
+    let picture = Picture { width: job.frame.width, height: job.frame.height, pixels: backend.resolve()? };
+    Ok(Rendering { picture, totals: backend.totals()?, elapsed, interrupted: flow.is_break() })
 }
 
 /// The relief as the kernels read it; flat where the method does not displace.
@@ -197,32 +181,18 @@ fn displacement(scene: &Scene, method: Method) -> Displacement {
 /// conversion and its bilinear weights leave it within 6 roundings of the larger texels, the difference and the
 /// product add two. Eight times the machine epsilon is twice that.
 fn height_range(range: (f32, f32), scale: f32, zero: f32) -> (f32, f32) {
-    let (low, high, scale, zero) = (
-        f64::from(range.0),
-        f64::from(range.1),
-        f64::from(scale),
-        f64::from(zero),
-    );
+    let (low, high, scale, zero) =
+        (f64::from(range.0), f64::from(range.1), f64::from(scale), f64::from(zero));
     let slack = 8.0 * f64::from(f32::EPSILON) * scale.abs() * (low.abs().max(high.abs()) + zero.abs());
     let (a, b) = (scale * (low - zero), scale * (high - zero));
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "rounded outwards in the same expression"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "rounded outwards in the same expression")]
     let rounded = ((a.min(b) - slack) as f32, (a.max(b) + slack) as f32);
-    if scale == 0.0 {
-        (0.0, 0.0)
-    } else {
-        (rounded.0.next_down(), rounded.1.next_up())
-    }
+    if scale == 0.0 { (0.0, 0.0) } else { (rounded.0.next_down(), rounded.1.next_up()) }
 }
 
 /// The box of each displaced triangle.
 fn prism_boxes(mesh: &Mesh, displacement: &Displacement) -> Vec<Aabb> {
-    mesh.triangles
-        .par_iter()
-        .map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement))
-        .collect()
+    mesh.triangles.par_iter().map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement)).collect()
 }
 
 /// The lights as the kernels read them.
@@ -233,9 +203,7 @@ fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
     let point_light = |light: &Light| PointLight {
         position: light.position,
         color: light.color,
-        intensity: light
-            .intensity
-            .unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
+        intensity: light.intensity.unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
         padding: 0,
     };
     lights.iter().map(point_light).collect()
@@ -249,10 +217,7 @@ fn frame(
     lights: &[PointLight],
 ) -> Frame {
     let count = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
-    let (color_width, color_height) = scene
-        .color_map
-        .as_ref()
-        .map_or((1, 1), |map| (map.width, map.height));
+    let (color_width, color_height) = scene.color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
     Frame {
         camera: framing.camera,
         displacement,
@@ -278,10 +243,7 @@ fn features(scene: &Scene, settings: &Settings) -> Features {
         shade: settings.shade.id(),
         shadows: u32::from(settings.shadows),
         height_format: scene.height_map.format,
-        color_format: scene
-            .color_map
-            .as_ref()
-            .map_or(color_format::NONE, |map| map.format),
+        color_format: scene.color_map.as_ref().map_or(color_format::NONE, |map| map.format),
         height_wrap: settings.wrap.id(),
         color_wrap: settings.wrap.id(),
         counters: u32::from(settings.counting),

@@ -66,11 +66,7 @@ pub fn intersect(
             rounds = MAX_EVENTS;
         }
     }
-    if doubtful {
-        conic.scan(field, base, ray, nearest, counts)
-    } else {
-        found
-    }
+    if doubtful { conic.scan(field, base, ray, nearest, counts) } else { found }
 }
 
 /// A line meets each cap once and each wall twice at most.
@@ -132,11 +128,9 @@ impl Conic {
         let facing = cross(base.p1 - base.p0, base.p2 - base.p0).dot(base.n0 + base.n1 + base.n2);
         let orientation = if facing < 0.0 { -1.0 } else { 1.0 };
         let q_diagonal = Vec3::new(dot(m0, r0), dot(m1, r1), dot(m2, r2)) * orientation;
-        let q_mixed = Vec3::new(
-            dot(m1, r2) + dot(m2, r1),
-            dot(m2, r0) + dot(m0, r2),
-            dot(m0, r1) + dot(m1, r0),
-        ) * (0.5 * orientation);
+        let q_mixed =
+            Vec3::new(dot(m1, r2) + dot(m2, r1), dot(m2, r0) + dot(m0, r2), dot(m0, r1) + dot(m1, r0))
+                * (0.5 * orientation);
 
         // What bends the path and leans micro-edges out of their walls, per micro-edge of each direction.
         let per_edge = 1.0 / n as f32;
@@ -194,11 +188,7 @@ impl Conic {
         let (j0, k0) = cell.vertex(0);
         let (j1, k1) = cell.vertex(1);
         let (j2, k2) = cell.vertex(2);
-        Vec3::new(
-            self.grid_flag(j0, k0),
-            self.grid_flag(j1, k1),
-            self.grid_flag(j2, k2),
-        )
+        Vec3::new(self.grid_flag(j0, k0), self.grid_flag(j1, k1), self.grid_flag(j2, k2))
     }
 
     /// Half-width of the band of flags that are near zero for a micro-edge of direction `e` whose lifts differ by
@@ -244,11 +234,7 @@ impl Conic {
     ) -> Hit {
         counts.scans += 1;
         let widest = self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element();
-        let band = if self.wild {
-            f32::INFINITY
-        } else {
-            widest * (1.0 / 3.0) + self.rounding
-        };
+        let band = if self.wild { f32::INFINITY } else { widest * (1.0 / 3.0) + self.rounding };
         let mut nearest = nearest;
         let mut j = 0;
         while j < self.n {
@@ -256,11 +242,7 @@ impl Conic {
             let (first, last) = self.candidates_of_strip(j, band);
             let mut i = 2 * first;
             while i <= (2 * last + 1).min(2 * (self.n - 1 - j)) {
-                let cell = Cell {
-                    j,
-                    k: i >> 1,
-                    upper: i & 1 != 0,
-                };
+                let cell = Cell { j, k: i >> 1, upper: i & 1 != 0 };
                 if self.is_candidate(cell, band) {
                     let [a, b, c] = base.micro_triangle(field, cell);
                     nearest = base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest);
@@ -284,10 +266,7 @@ impl Conic {
     #[inline]
     fn candidates_of_strip(&self, j: u32, band: f32) -> (u32, u32) {
         let n = self.n as f32;
-        let mut range = Range {
-            min: f32::INFINITY,
-            max: f32::NEG_INFINITY,
-        };
+        let mut range = Range { min: f32::INFINITY, max: f32::NEG_INFINITY };
         let mut row = j;
         while row <= j + 1 {
             // f on the row, as a polynomial in gamma, from its ends and its middle (Bernstein coefficients).
@@ -341,10 +320,7 @@ struct Range {
 impl Range {
     #[inline]
     fn with(self, x: f32) -> Self {
-        Range {
-            min: self.min.min(x),
-            max: self.max.max(x),
-        }
+        Range { min: self.min.min(x), max: self.max.max(x) }
     }
 
     /// Includes the roots in [0, length] of the quadratic with Bernstein coefficients a, b, c.
@@ -362,11 +338,7 @@ impl Range {
 
     #[inline]
     fn with_root(self, s: f32, length: f32) -> Self {
-        if s >= 0.0 && s <= 1.0 {
-            self.with(s * length)
-        } else {
-            self
-        }
+        if s >= 0.0 && s <= 1.0 { self.with(s * length) } else { self }
     }
 }
 
@@ -382,11 +354,7 @@ struct Event {
 }
 
 impl Event {
-    const NONE: Event = Event {
-        t: f32::NAN,
-        cell: NO_CELL,
-        through_cap: false,
-    };
+    const NONE: Event = Event { t: f32::NAN, cell: NO_CELL, through_cap: false };
 
     #[inline]
     fn is_some(&self) -> bool {
@@ -465,10 +433,7 @@ impl Entries {
     /// Wall `e` from vertex a to vertex b (counter-clockwise seen along the normals where the orientation is
     /// positive): the ruled surface over the edge, cut off at the caps.
     #[inline]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a wall is two vertices, each a point and a direction"
-    )]
+    #[expect(clippy::too_many_arguments, reason = "a wall is two vertices, each a point and a direction")]
     fn add_wall(
         &mut self,
         conic: &Conic,
@@ -488,12 +453,7 @@ impl Entries {
         let extremum = (fa - fm) / square;
         let touches = extremum > 0.0 && extremum < 1.0 && (fa + (fm - fa) * extremum).abs() <= band;
         self.doubtful = self.doubtful || touches || fa.abs() <= band || fb.abs() <= band;
-        let patch = BilinearPatch {
-            q00: pa,
-            q10: pb,
-            q01: pa + na,
-            q11: pb + nb,
-        };
+        let patch = BilinearPatch { q00: pa, q10: pb, q01: pa + na, q11: pb + nb };
         let (first, second) = patch.intersect_line(conic.origin, ray.direction);
         let length = max_abs(pb - pa);
         self.add_wall_hit(conic, e, first, fm - fa, square, length);
@@ -524,32 +484,15 @@ impl Entries {
         let last = conic.n - 1;
         let along = ((hit.u * conic.n as f32) as u32).min(last);
         let cell = if e == 0 {
-            Cell {
-                j: last - along,
-                k: along,
-                upper: false,
-            }
+            Cell { j: last - along, k: along, upper: false }
         } else if e == 1 {
-            Cell {
-                j: 0,
-                k: last - along,
-                upper: false,
-            }
+            Cell { j: 0, k: last - along, upper: false }
         } else {
-            Cell {
-                j: along,
-                k: 0,
-                upper: false,
-            }
+            Cell { j: along, k: 0, upper: false }
         };
         // Falling flags, (+, -) counter-clockwise, lead into the prism.
         let entering = crossing < 0.0;
-        self.push(
-            hit.t,
-            if entering { cell.pack() } else { NO_CELL },
-            entering,
-            false,
-        );
+        self.push(hit.t, if entering { cell.pack() } else { NO_CELL }, entering, false);
     }
 
     /// The first entry after `t`.
@@ -562,14 +505,7 @@ impl Entries {
     #[inline]
     fn exit_after(&self, t: f32) -> Event {
         let exit = self.first_after(t, !self.entering);
-        if exit.is_some() {
-            exit
-        } else {
-            Event {
-                t: f32::INFINITY,
-                ..Event::NONE
-            }
-        }
+        if exit.is_some() { exit } else { Event { t: f32::INFINITY, ..Event::NONE } }
     }
 
     #[inline]
@@ -579,11 +515,7 @@ impl Entries {
         while i < self.count {
             let ti = self.t[i as usize];
             if mask >> i & 1 != 0 && ti > t && !(ti >= first.t) {
-                first = Event {
-                    t: ti,
-                    cell: self.cell[i as usize],
-                    through_cap: self.on_cap >> i & 1 != 0,
-                };
+                first = Event { t: ti, cell: self.cell[i as usize], through_cap: self.on_cap >> i & 1 != 0 };
             }
             i += 1;
         }
@@ -608,10 +540,7 @@ struct Walk {
 
 /// Walks from an entry until the path leaves the grid, the exit's cell or the cell of a hit is passed, or doubt.
 #[inline]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a walk needs the prism, the ray and both ends"
-)]
+#[expect(clippy::too_many_arguments, reason = "a walk needs the prism, the ray and both ends")]
 fn walk(
     conic: &Conic,
     field: &HeightField<'_>,
@@ -632,12 +561,7 @@ fn walk(
         }
     }
     let [a, b, c] = base.micro_triangle(field, cell);
-    let mut corners = Corners {
-        a,
-        b,
-        c,
-        flags: conic.cell_flags(cell),
-    };
+    let mut corners = Corners { a, b, c, flags: conic.cell_flags(cell) };
 
     // A quadratic crosses each of the 3 (N+1) grid lines at most twice, and each step crosses one.
     let cap = 6 * (n + 1);
@@ -650,14 +574,8 @@ fn walk(
         counts.cells += 1;
         counts.triangles += 1;
         let before = found;
-        found = base.intersect_cell(
-            ray,
-            cell,
-            corners.a.position,
-            corners.b.position,
-            corners.c.position,
-            found,
-        );
+        found =
+            base.intersect_cell(ray, cell, corners.a.position, corners.b.position, corners.c.position, found);
         let e = edge_to_negative(-corners.flags);
         let change = cell.change_across(e);
         going = !(passed || cell.leaves_grid(change, n));
@@ -671,10 +589,7 @@ fn walk(
     }
     let capped = going && steps == cap;
     counts.cap_hits += capped as u32;
-    Walk {
-        nearest: found,
-        doubtful: doubtful || capped,
-    }
+    Walk { nearest: found, doubtful: doubtful || capped }
 }
 
 /// The vertices of the current cell with their flags.
@@ -702,26 +617,11 @@ impl Corners {
         let flag = conic.grid_flag(j, k);
         let Corners { a, b, c, flags } = self;
         if e == 0 {
-            Corners {
-                a: new,
-                b: c,
-                c: b,
-                flags: Vec3::new(flag, flags.z, flags.y),
-            }
+            Corners { a: new, b: c, c: b, flags: Vec3::new(flag, flags.z, flags.y) }
         } else if e == 1 {
-            Corners {
-                a: c,
-                b: new,
-                c: a,
-                flags: Vec3::new(flags.z, flag, flags.x),
-            }
+            Corners { a: c, b: new, c: a, flags: Vec3::new(flags.z, flag, flags.x) }
         } else {
-            Corners {
-                a: b,
-                b: a,
-                c: new,
-                flags: Vec3::new(flags.y, flags.x, flag),
-            }
+            Corners { a: b, b: a, c: new, flags: Vec3::new(flags.y, flags.x, flag) }
         }
     }
 
@@ -733,20 +633,11 @@ impl Corners {
         let magnitude = self.flags.abs();
         // The edge of equal signs lies across the vertex of the odd one.
         let (near, doubt) = if y == z {
-            (
-                magnitude.y.min(magnitude.z),
-                conic.doubt(0, self.b.lift - self.c.lift),
-            )
+            (magnitude.y.min(magnitude.z), conic.doubt(0, self.b.lift - self.c.lift))
         } else if x == z {
-            (
-                magnitude.x.min(magnitude.z),
-                conic.doubt(1, self.c.lift - self.a.lift),
-            )
+            (magnitude.x.min(magnitude.z), conic.doubt(1, self.c.lift - self.a.lift))
         } else {
-            (
-                magnitude.x.min(magnitude.y),
-                conic.doubt(2, self.a.lift - self.b.lift),
-            )
+            (magnitude.x.min(magnitude.y), conic.doubt(2, self.a.lift - self.b.lift))
         };
         x == y && y == z || magnitude.min_element() <= conic.rounding || near <= doubt
     }
@@ -842,15 +733,9 @@ mod tests {
                 Displacement::height_range(0.0, 1.0, displacement.zero, displacement.scale);
             Prism {
                 vertices,
-                triangle: Triangle {
-                    vertices: [0, 1, 2],
-                    flags: 0,
-                },
+                triangle: Triangle { vertices: [0, 1, 2], flags: 0 },
                 texels: texels.into_iter().map(f32::to_bits).collect(),
-                frame: Frame {
-                    displacement,
-                    ..Frame::default()
-                },
+                frame: Frame { displacement, ..Frame::default() },
             }
         }
 

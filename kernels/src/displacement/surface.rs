@@ -131,10 +131,7 @@ impl BaseTriangle {
         let h = field.height(self.uv(w));
         let length = sqrt(dot(n, n));
         let lift = if length > 0.0 { h / length } else { 0.0 };
-        MicroVertex {
-            position: fma3(lift, n, p),
-            lift,
-        }
+        MicroVertex { position: fma3(lift, n, p), lift }
     }
 
     /// The three micro-vertices of a cell, in its order.
@@ -168,13 +165,7 @@ impl BaseTriangle {
         if left || !hit.t.is_finite() {
             return nearest;
         }
-        nearest.nearer(Hit {
-            t: hit.t,
-            primitive: self.primitive,
-            cell: packed,
-            b1: hit.b1,
-            b2: hit.b2,
-        })
+        nearest.nearer(Hit { t: hit.t, primitive: self.primitive, cell: packed, b1: hit.b1, b2: hit.b2 })
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
@@ -184,16 +175,10 @@ impl BaseTriangle {
     /// >= 1 - 2 (1 - c) / 3, since the w_i w_j add up to at most 1/3.
     #[inline]
     pub fn shortest_normal(&self) -> f32 {
-        let c = dot(self.n0, self.n1)
-            .min(dot(self.n1, self.n2))
-            .min(dot(self.n2, self.n0));
+        let c = dot(self.n0, self.n1).min(dot(self.n1, self.n2)).min(dot(self.n2, self.n0));
         // Stored unit normals are off by some 1e-7; so are the dot products.
         let squared = (1.0 + 2.0 * c) / 3.0 - 1e-6;
-        if squared > 0.01 {
-            sqrt(squared) * (1.0 - 1e-6)
-        } else {
-            0.0
-        }
+        if squared > 0.01 { sqrt(squared) * (1.0 - 1e-6) } else { 0.0 }
     }
 
     /// Bounds on the lift of every micro-vertex: heights widened by 1 / min |n| (DESIGN's hull for normalised
@@ -211,10 +196,7 @@ impl BaseTriangle {
     /// height (directions are unit vectors). Padded by what rounding can move a micro-vertex.
     pub fn bounds(&self, displacement: &Displacement) -> Aabb {
         let reach = displacement.height_min.abs().max(displacement.height_max.abs());
-        let flat = Aabb::EMPTY
-            .including(self.p0)
-            .including(self.p1)
-            .including(self.p2);
+        let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
         // result of some 6 operations of which Vulkan allows two (division, root) 2.5 ulp: below 24 u in all.
         let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
@@ -324,10 +306,7 @@ mod tests {
         // Halfway along the edge from vertex 0 to vertex 1.
         let middle = base.micro_vertex(&field, 1, 0);
         assert_eq!((middle.lift, middle.position), (0.0, Vec3::new(0.0, -1.0, 0.0)));
-        assert_eq!(
-            base.micro_vertex(&field, 0, 0).position,
-            Vec3::new(-1.0, -1.0, 1.0)
-        );
+        assert_eq!(base.micro_vertex(&field, 0, 0).position, Vec3::new(-1.0, -1.0, 1.0));
     }
 
     #[test]

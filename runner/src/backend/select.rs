@@ -40,7 +40,5 @@ pub fn open_backend(
 
 /// To be connected with the Vulkan backend.
 fn open_vulkan(_device: Option<&str>, _validate: bool) -> Result<Box<dyn Backend>, BackendError> {
-    Err(BackendError::NoDevice {
-        reason: "this build has no Vulkan backend".to_owned(),
-    })
+    Err(BackendError::NoDevice { reason: "this build has no Vulkan backend".to_owned() })
 }

@@ -28,69 +28,35 @@ const SRGB_CODES: usize = 256;
 /// not read. `invert` replaces each texel by 1 - texel, exactly for integers. NaN and infinite texels become `zero`,
 /// the texel value of no displacement, and are counted in [`HeightMap::replaced`].
 pub fn load_height_map(path: &Path, zero: f32, invert: bool) -> Result<HeightMap, SceneError> {
-    let Picture {
-        width,
-        height,
-        channels,
-        samples,
-    } = decode(path)?;
+    let Picture { width, height, channels, samples } = decode(path)?;
     let packed = match samples {
         Samples::Unorm8(codes) => pack_codes(&codes, channels, invert),
         Samples::Unorm16(codes) => pack_codes(&codes, channels, invert),
         Samples::Float32(values) => pack_floats(values.chunks_exact(channels).map(grey_float), zero, invert),
     };
-    let Packed {
-        format,
-        texels,
-        range,
-        replaced,
-    } = packed;
-    Ok(HeightMap {
-        width,
-        height,
-        format,
-        texels,
-        range,
-        replaced,
-    })
+    let Packed { format, texels, range, replaced } = packed;
+    Ok(HeightMap { width, height, format, texels, range, replaced })
 }
 
 /// Loads a colour map: 8 bits a channel stay in sRGB, 16 bits are taken for sRGB and decoded to linear floats, and
 /// floats (EXR, HDR, TIFF) are linear as they are. Alpha is not read. NaN and infinite values become 0, and a warning
 /// counts them.
 pub fn load_color_map(path: &Path) -> Result<ColorMap, SceneError> {
-    let Picture {
-        width,
-        height,
-        channels,
-        samples,
-    } = decode(path)?;
+    let Picture { width, height, channels, samples } = decode(path)?;
     let (format, texels) = match samples {
-        Samples::Unorm8(codes) => (
-            color_format::SRGB8,
-            pack_srgb8(codes.chunks_exact(channels).map(rgb)),
-        ),
-        Samples::Unorm16(codes) => (
-            color_format::FLOAT32,
-            decode_srgb16(codes.chunks_exact(channels).map(rgb)),
-        ),
+        Samples::Unorm8(codes) => (color_format::SRGB8, pack_srgb8(codes.chunks_exact(channels).map(rgb))),
+        Samples::Unorm16(codes) => {
+            (color_format::FLOAT32, decode_srgb16(codes.chunks_exact(channels).map(rgb)))
+        }
         Samples::Float32(values) => {
             let (texels, replaced) = finite_words(values.chunks_exact(channels).map(rgb));
             if replaced > 0 {
-                warn!(
-                    "{}: {replaced} values are NaN or infinite; 0 is used instead",
-                    path.display()
-                );
+                warn!("{}: {replaced} values are NaN or infinite; 0 is used instead", path.display());
             }
             (color_format::FLOAT32, texels)
         }
     };
-    Ok(ColorMap {
-        width,
-        height,
-        format,
-        texels,
-    })
+    Ok(ColorMap { width, height, format, texels })
 }
 
 impl HeightMap {
@@ -109,20 +75,8 @@ impl HeightMap {
     /// A map of 16-bit texels out of numbers in [0,1] (others are clamped), row by row from the top. `width` and
     /// `height` are at least 1, and there are as many numbers as texels.
     pub(super) fn from_unit(width: u32, height: u32, texels: impl ExactSizeIterator<Item = f32>) -> Self {
-        let Packed {
-            format,
-            texels,
-            range,
-            replaced,
-        } = pack_grey(texels.map(u16::from_unit));
-        Self {
-            width,
-            height,
-            format,
-            texels,
-            range,
-            replaced,
-        }
+        let Packed { format, texels, range, replaced } = pack_grey(texels.map(u16::from_unit));
+        Self { width, height, format, texels, range, replaced }
     }
 
     /// Whether its texels have only 256 values, so that a smooth slope becomes a staircase.
@@ -146,12 +100,7 @@ impl ColorMap {
     /// `height` are at least 1, and there are as many colours as texels.
     pub(super) fn from_linear(width: u32, height: u32, colors: impl ExactSizeIterator<Item = Vec3>) -> Self {
         let codes = colors.map(|color| color.to_array().map(|c| u8::from_unit(srgb_from_linear(c))));
-        Self {
-            width,
-            height,
-            format: color_format::SRGB8,
-            texels: pack_srgb8(codes),
-        }
+        Self { width, height, format: color_format::SRGB8, texels: pack_srgb8(codes) }
     }
 }
 
@@ -159,24 +108,15 @@ impl ColorMap {
 pub(super) fn per_texel<T: Send>(width: u32, height: u32, f: impl Fn(f32, f32) -> T + Sync) -> Vec<T> {
     use rayon::prelude::*;
     let center = |i: u32, count: u32| (i as f32 + 0.5) / count as f32;
-    let row = |y| {
-        (0..width)
-            .map(|x| f(center(x, width), 1.0 - center(y, height)))
-            .collect::<Vec<T>>()
-    };
+    let row = |y| (0..width).map(|x| f(center(x, width), 1.0 - center(y, height))).collect::<Vec<T>>();
     (0..height).into_par_iter().flat_map_iter(row).collect()
 }
 
 /// Decodes an image file, whose format its first bytes tell.
 fn decode(path: &Path) -> Result<Picture, SceneError> {
-    let unreadable = |source| SceneError::Unreadable {
-        path: path.into(),
-        source,
-    };
+    let unreadable = |source| SceneError::Unreadable { path: path.into(), source };
     let file = File::open(path).map_err(unreadable)?;
-    let mut reader = ImageReader::new(BufReader::new(file))
-        .with_guessed_format()
-        .map_err(unreadable)?;
+    let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(unreadable)?;
     let Some(format) = reader.format() else {
         return Err(SceneError::NotAnImage { path: path.into() });
     };
@@ -209,29 +149,17 @@ fn decode_error(path: &Path, source: ImageError) -> SceneError {
         {
             SceneError::NotAnImage { path: path.into() }
         }
-        source => SceneError::Decode {
-            path: path.into(),
-            source,
-        },
+        source => SceneError::Decode { path: path.into(), source },
     }
 }
 
 /// Refuses maps without texels and those that kernels cannot address.
 fn check_size(path: &Path, width: u32, height: u32) -> Result<(), SceneError> {
     if width == 0 || height == 0 {
-        return Err(SceneError::NoTexels {
-            path: path.into(),
-            width,
-            height,
-        });
+        return Err(SceneError::NoTexels { path: path.into(), width, height });
     }
     if width.max(height) > MAX_SIDE {
-        return Err(SceneError::TooManyTexels {
-            path: path.into(),
-            width,
-            height,
-            limit: MAX_SIDE,
-        });
+        return Err(SceneError::TooManyTexels { path: path.into(), width, height, limit: MAX_SIDE });
     }
     Ok(())
 }
@@ -270,12 +198,7 @@ impl Picture {
             // The widest of today's kinds, to which those to come convert.
             image => (4, Samples::Float32(image.into_rgba32f().into_raw())),
         };
-        Self {
-            width,
-            height,
-            channels,
-            samples,
-        }
+        Self { width, height, channels, samples }
     }
 }
 
@@ -375,12 +298,7 @@ fn pack_grey<T: Code>(codes: impl ExactSizeIterator<Item = T>) -> Packed {
         range = Some(range.map_or((code, code), |(min, max)| (min.min(code), max.max(code))));
     }
     let range = range.map_or((0.0, 0.0), |(min, max)| (min.to_unit(), max.to_unit()));
-    Packed {
-        format: T::FORMAT,
-        texels,
-        range,
-        replaced: 0,
-    }
+    Packed { format: T::FORMAT, texels, range, replaced: 0 }
 }
 
 /// Packs floats; those that are NaN or infinite become `zero`.
@@ -397,12 +315,7 @@ fn pack_floats(values: impl ExactSizeIterator<Item = f32>, zero: f32, invert: bo
         range = (range.0.min(texel), range.1.max(texel));
         texels.push(texel.to_bits());
     }
-    Packed {
-        format: height_format::FLOAT32,
-        texels,
-        range,
-        replaced,
-    }
+    Packed { format: height_format::FLOAT32, texels, range, replaced }
 }
 
 /// A texel's value: where its channels agree that, else its luminance.
@@ -412,10 +325,7 @@ fn grey_float(texel: &[f32]) -> f32 {
         return r;
     }
     let luminance = LUMINANCE[0] * f64::from(r) + LUMINANCE[1] * f64::from(g) + LUMINANCE[2] * f64::from(b);
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the sum is rounded to the texels' precision"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "the sum is rounded to the texels' precision")]
     {
         luminance as f32
     }
@@ -431,9 +341,7 @@ fn pack_srgb8(texels: impl ExactSizeIterator<Item = [u8; 3]>) -> Vec<u32> {
 
 /// The words of a [`color_format::FLOAT32`] map, from sRGB in 16 bits.
 fn decode_srgb16(texels: impl ExactSizeIterator<Item = [u16; 3]>) -> Vec<u32> {
-    let linear: Vec<u32> = (0..=u16::MAX)
-        .map(|code| linear_from_srgb(code.to_unit()).to_bits())
-        .collect();
+    let linear: Vec<u32> = (0..=u16::MAX).map(|code| linear_from_srgb(code.to_unit()).to_bits()).collect();
     let mut words = Vec::with_capacity(3 * texels.len());
     words.extend(texels.flatten().map(|code| linear[usize::from(code)]));
     words
@@ -452,20 +360,12 @@ fn finite_words(texels: impl ExactSizeIterator<Item = [f32; 3]>) -> (Vec<u32>, u
 
 /// Decodes an sRGB value in [0,1] to linear light (IEC 61966-2-1).
 fn linear_from_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
 /// The inverse of [`linear_from_srgb`].
 fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        linear * 12.92
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]

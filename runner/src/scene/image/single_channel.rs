@@ -23,25 +23,13 @@ pub(super) fn decode(path: &Path, format: ImageFormat) -> Option<Result<Picture,
 /// The only channel of an EXR file's first layer, or its luminance `Y`.
 fn decode_exr(path: &Path) -> Option<Picture> {
     let reader = exr::prelude::read().no_deep_data().largest_resolution_level();
-    let layer = reader
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .ok()?
-        .layer_data;
+    let layer = reader.all_channels().first_valid_layer().all_attributes().from_file(path).ok()?.layer_data;
     let channels = layer.channel_data.list;
-    let channel = channels
-        .iter()
-        .find(|channel| channels.len() == 1 || channel.name == *"Y")?;
+    let channel = channels.iter().find(|channel| channels.len() == 1 || channel.name == *"Y")?;
     let values: Vec<f32> = channel.sample_data.values_as_f32().collect();
     // Channels may have fewer samples than the layer has pixels; such a one is no height map.
     (values.len() == layer.size.area()).then_some(())?;
-    grey(
-        u32::try_from(layer.size.width()).ok()?,
-        u32::try_from(layer.size.height()).ok()?,
-        values,
-    )
+    grey(u32::try_from(layer.size.width()).ok()?, u32::try_from(layer.size.height()).ok()?, values)
 }
 
 /// A TIFF file of grey floats of 32 bits.
