@@ -1,5 +1,7 @@
 //! Height and colour maps out of image files.
 
+mod single_channel;
+
 use super::{ColorMap, HeightMap, SceneError};
 use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use emboss_kernels::interface::{color_format, height_format};
@@ -26,12 +28,10 @@ const SRGB_CODES: usize = 256;
 /// not read. `invert` replaces each texel by 1 - texel, exactly for integers. NaN and infinite texels become `zero`,
 /// the texel value of no displacement, and are counted in [`HeightMap::replaced`].
 pub fn load_height_map(path: &Path, zero: f32, invert: bool) -> Result<HeightMap, SceneError> {
-    let image = decode(path)?;
-    let channels = usize::from(image.color().channel_count());
-    let (width, height) = (image.width(), image.height());
-    let packed = match samples(&image) {
-        Samples::Unorm8(codes) => pack_codes(codes, channels, invert),
-        Samples::Unorm16(codes) => pack_codes(codes, channels, invert),
+    let Picture { width, height, channels, samples } = decode(path)?;
+    let packed = match samples {
+        Samples::Unorm8(codes) => pack_codes(&codes, channels, invert),
+        Samples::Unorm16(codes) => pack_codes(&codes, channels, invert),
         Samples::Float32(values) => pack_floats(values.chunks_exact(channels).map(grey_float), zero, invert),
     };
     let Packed { format, texels, range, replaced } = packed;
@@ -42,10 +42,8 @@ pub fn load_height_map(path: &Path, zero: f32, invert: bool) -> Result<HeightMap
 /// floats (EXR, HDR, TIFF) are linear as they are. Alpha is not read. NaN and infinite values become 0, and a warning
 /// counts them.
 pub fn load_color_map(path: &Path) -> Result<ColorMap, SceneError> {
-    let image = decode(path)?;
-    let channels = usize::from(image.color().channel_count());
-    let (width, height) = (image.width(), image.height());
-    let (format, texels) = match samples(&image) {
+    let Picture { width, height, channels, samples } = decode(path)?;
+    let (format, texels) = match samples {
         Samples::Unorm8(codes) => (color_format::SRGB8, pack_srgb8(codes.chunks_exact(channels).map(rgb))),
         Samples::Unorm16(codes) => {
             (color_format::FLOAT32, decode_srgb16(codes.chunks_exact(channels).map(rgb)))
@@ -115,18 +113,24 @@ pub(super) fn per_texel<T: Send>(width: u32, height: u32, f: impl Fn(f32, f32) -
 }
 
 /// Decodes an image file, whose format its first bytes tell.
-fn decode(path: &Path) -> Result<DynamicImage, SceneError> {
+fn decode(path: &Path) -> Result<Picture, SceneError> {
     let unreadable = |source| SceneError::Unreadable { path: path.into(), source };
     let file = File::open(path).map_err(unreadable)?;
     let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(unreadable)?;
-    if reader.format().is_none() {
+    let Some(format) = reader.format() else {
         return Err(SceneError::NotAnImage { path: path.into() });
-    }
+    };
     reader.limits(limits());
-    let decoder = reader.into_decoder().map_err(|source| decode_error(path, source))?;
+    let decoder = match reader.into_decoder() {
+        Ok(decoder) => decoder,
+        Err(source) => {
+            return single_channel::decode(path, format).ok_or_else(|| decode_error(path, source))?;
+        }
+    };
     let (width, height) = decoder.dimensions();
     check_size(path, width, height)?;
-    DynamicImage::from_decoder(decoder).map_err(|source| decode_error(path, source))
+    let image = DynamicImage::from_decoder(decoder).map_err(|source| decode_error(path, source))?;
+    Ok(Picture::of(image))
 }
 
 /// What a decoder may use: room for the largest map in 16-byte texels, which are 16 GiB that only a file of that
@@ -160,21 +164,41 @@ fn check_size(path: &Path, width: u32, height: u32) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// The values of an image, channel after channel, texel after texel.
-enum Samples<'a> {
-    Unorm8(&'a [u8]),
-    Unorm16(&'a [u16]),
-    Float32(&'a [f32]),
+/// A decoded image, top row first.
+struct Picture {
+    width: u32,
+    height: u32,
+    /// Values of a texel, 1 to 4.
+    channels: usize,
+    samples: Samples,
 }
 
-/// The values of an image.
-fn samples(image: &DynamicImage) -> Samples<'_> {
-    if let Some(flat) = image.as_flat_samples_u8() {
-        Samples::Unorm8(flat.samples)
-    } else if let Some(flat) = image.as_flat_samples_u16() {
-        Samples::Unorm16(flat.samples)
-    } else {
-        Samples::Float32(image.as_flat_samples_f32().map_or(&[], |flat| flat.samples))
+/// The values of an image, channel after channel, texel after texel.
+enum Samples {
+    Unorm8(Vec<u8>),
+    Unorm16(Vec<u16>),
+    Float32(Vec<f32>),
+}
+
+impl Picture {
+    /// The values of an image, without a copy.
+    fn of(image: DynamicImage) -> Self {
+        use DynamicImage as D;
+        let (width, height) = (image.width(), image.height());
+        let (channels, samples) = match image {
+            D::ImageLuma8(buffer) => (1, Samples::Unorm8(buffer.into_raw())),
+            D::ImageLumaA8(buffer) => (2, Samples::Unorm8(buffer.into_raw())),
+            D::ImageRgb8(buffer) => (3, Samples::Unorm8(buffer.into_raw())),
+            D::ImageRgba8(buffer) => (4, Samples::Unorm8(buffer.into_raw())),
+            D::ImageLuma16(buffer) => (1, Samples::Unorm16(buffer.into_raw())),
+            D::ImageLumaA16(buffer) => (2, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgb16(buffer) => (3, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgba16(buffer) => (4, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgb32F(buffer) => (3, Samples::Float32(buffer.into_raw())),
+            // The widest of today's kinds, to which those to come convert.
+            image => (4, Samples::Float32(image.into_rgba32f().into_raw())),
+        };
+        Self { width, height, channels, samples }
     }
 }
 

@@ -52,6 +52,9 @@ fn light(position: Vec3, strength: f32, color: Vec3) -> PointLight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use emboss_kernels::interface::wrap;
+    use emboss_kernels::texture::sample_height;
+    use glam::Vec2;
     use std::collections::HashMap;
     use std::sync::LazyLock;
 
@@ -185,5 +188,22 @@ mod tests {
         assert!(seam <= inside, "along: {seam} at the seam, {inside} elsewhere");
         let (inside, seam) = steps(map, map.height, |y, x| map.texel(x, y));
         assert!(seam <= inside, "around: {seam} at the seam, {inside} elsewhere");
+    }
+
+    #[test]
+    fn the_knots_heights_agree_across_its_seams() {
+        let map = &KNOT.height;
+        let height = |u, v| {
+            sample_height(&map.texels, map.format, wrap::REPEAT, map.width, map.height, Vec2::new(u, v))
+        };
+        for k in 0..=1000u16 {
+            let along = f32::from(k) / 1000.0;
+            // The same four texels with the same weights of one half: each side leaves their range by 3 ulp at most.
+            let tolerance = 6.0 * f32::EPSILON;
+            let (a, b) = (height(0.0, along), height(1.0, along));
+            assert!((a - b).abs() <= tolerance, "v = {along}: {a} {b}");
+            let (a, b) = (height(along, 0.0), height(along, 1.0));
+            assert!((a - b).abs() <= tolerance, "u = {along}: {a} {b}");
+        }
     }
 }

@@ -123,6 +123,34 @@ fn floats_are_kept_as_they_are() {
 }
 
 #[test]
+fn a_single_channel_of_floats_is_read() {
+    let values = [-2.5f32, 0.0, 0.1, 1.0, f32::NAN, 1.0e-30];
+    let (_folder, path) = file("map.tiff");
+    let mut encoder = tiff::encoder::TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(3, 2, &values).unwrap();
+    let from_tiff = load_height_map(&path, 0.5, false).unwrap();
+
+    let (_folder, path) = file("map.exr");
+    write_exr(&path, &["Y"], &values);
+    let from_exr = load_height_map(&path, 0.5, false).unwrap();
+    for map in [&from_tiff, &from_exr] {
+        assert_eq!((map.width, map.height, map.format), (3, 2, height_format::FLOAT32));
+        assert_eq!(texels(map), [-2.5, 0.0, 0.1, 1.0, 0.5, 1.0e-30]);
+        assert_eq!((map.range, map.replaced), ((-2.5, 1.0), 1));
+    }
+    write_exr(&path, &["U", "V"], &values);
+    let message = load_height_map(&path, 0.5, false).unwrap_err().to_string();
+    assert!(message.contains("map.exr: cannot be decoded: "), "{message}");
+}
+
+/// Writes an EXR of 3x2 pixels whose channels all have the same values.
+fn write_exr(path: &Path, channels: &[&str], values: &[f32]) {
+    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
+    let channels = channels.iter().map(|&name| AnyChannel::new(name, FlatSamples::F32(values.to_vec())));
+    Image::from_channels((3, 2), AnyChannels::sort(channels.collect())).write().to_file(path).unwrap();
+}
+
+#[test]
 fn nan_and_infinity_become_no_displacement() {
     let values = [f32::NAN, f32::INFINITY, 0.25, f32::NEG_INFINITY, 0.5, 0.75];
     for invert in [false, true] {
