@@ -374,9 +374,31 @@ mod tests {
         assert_eq!(shares.last(), Some(&1.0));
     }
 
+    /// Tiles here take tens of milliseconds each, far longer than this thread needs to hear of the first: the
+    /// break comes while most of the 64 are still to do.
     #[test]
     fn a_break_ends_the_pass_and_keeps_the_film() {
-        let mut backend = loaded(4096, 512, counting());
+        let builtin = crate::scene::builtin::load("builtin:quilt").expect("built in");
+        let scene = crate::render::Scene {
+            mesh: builtin.mesh,
+            height_map: builtin.height,
+            color_map: None,
+            zero: builtin.zero,
+            scale: builtin.scale,
+            subdivisions: 64,
+        };
+        let settings = crate::settings::Settings {
+            width: 256,
+            height: 256,
+            method: crate::settings::Method::BruteForce,
+            counting: true,
+            ..Default::default()
+        };
+        let job = crate::render::prepare(scene, &settings).expect("framed");
+        let mut backend = CpuBackend::new();
+        backend
+            .load(&job.buffers, &job.frame, job.features)
+            .expect("fits");
         let flow = backend
             .add_sample(0, &mut |_| ControlFlow::Break(()))
             .expect("runs");
