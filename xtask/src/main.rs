@@ -1,15 +1,81 @@
-//! Emboss's own build steps.
-use spirv_builder::{Capability, SpirvBuilder};
+//! Emboss's own build steps, run as `cargo xtask`.
+#![forbid(unsafe_code)]
 
-fn main() {
-    let mut builder = SpirvBuilder::new("kernels", "spirv-unknown-vulkan1.2");
-    builder.toolchain_overwrite = Some("rust-gpu-1.96".into());
-    let home = std::env::var("HOME").unwrap();
-    builder.rustc_codegen_spirv_location =
-        Some(format!("{home}/.local/share/rust-gpu-1.96/lib/librustc_codegen_spirv.so").into());
-    builder
-        .capabilities
-        .push(Capability::VulkanMemoryModelDeviceScope);
-    let module = builder.build().unwrap();
-    std::fs::copy(module.module.unwrap_single(), "assets/kernels.spv").unwrap();
+mod debian;
+mod pictures;
+mod process;
+mod spirv;
+mod test;
+mod toolchain;
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Emboss's own build steps.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// What to do.
+#[derive(Subcommand)]
+enum Command {
+    /// Compile the kernels to assets/kernels.spv and write its manifest
+    Spirv {
+        /// Write nothing; fail where the committed files are not what the sources give
+        #[arg(long, conflicts_with = "debug")]
+        check: bool,
+        /// Write target/kernels-debug.spv with names and source lines instead
+        #[arg(long)]
+        debug: bool,
+    },
+    /// Find the SPIR-V toolchain, or get it
+    Toolchain {
+        /// Do not build it from Debian's packages where rustup has none
+        #[arg(long)]
+        rustup_only: bool,
+    },
+    /// Run the tests and checks: all of them, as CI does, or those named
+    Test {
+        /// Which, in any order
+        #[arg(value_enum)]
+        steps: Vec<test::Step>,
+    },
+    /// Render the README's pictures into assets
+    Pictures,
+    /// A part of `spirv` that needs its own environment
+    #[command(hide = true)]
+    CompileKernels {
+        /// Where to write the module
+        output: PathBuf,
+        /// With names and lines
+        #[arg(long)]
+        debug: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            process::complain(&format!("error: {error:#}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Does what was asked for.
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Spirv { check: true, .. } => spirv::check(),
+        Command::Spirv { debug: true, .. } => spirv::build_debug(),
+        Command::Spirv { .. } => spirv::build(),
+        Command::Toolchain { rustup_only } => toolchain::provide(rustup_only),
+        Command::Test { steps } => test::run(&steps),
+        Command::Pictures => pictures::render(),
+        Command::CompileKernels { output, debug } => spirv::compile(&output, debug),
+    }
 }

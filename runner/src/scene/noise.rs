@@ -14,13 +14,15 @@ pub(super) struct Lattice {
 /// Where a point lies among the cells of a cellular pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cell {
-    /// Distance to the nearest border of the cell.
+    /// Smooth distance to the borders of the cell, at most the true one: it rounds the cell's corners and crest.
     pub(super) border: f32,
-    /// From the cell's centre to the point.
-    pub(super) offset: Vec2,
     /// A random number that is the cell's own.
     pub(super) id: u32,
 }
+
+/// Radius, in cells, by which the corners of a cellular pattern are rounded. Half of it gives facets, twice as much
+/// makes all cells look alike.
+const ROUNDING: f32 = 0.07;
 
 impl Lattice {
     /// A lattice of `x` by `y` cells.
@@ -70,26 +72,26 @@ impl Lattice {
         sum / weights
     }
 
-    /// The Voronoi cell of a point, one centre to each unit square (Worley 1996), with the true distance to its
-    /// border: the bisectors to the centres within two squares of the nearest one.
+    /// The Voronoi cell of a point, one centre to each unit square (Worley 1996). Its borders are the bisectors to
+    /// the centres within two squares; [`ROUNDING`] says how smoothly the least of their distances is taken.
     pub(super) fn cellular(self, p: Vec2) -> Cell {
         let home = p.floor().as_ivec2();
         let (nearest, offset) = square(1)
             .map(|step| (home + step, p - self.center(home + step)))
             .min_by(|a, b| a.1.length_squared().total_cmp(&b.1.length_squared()))
             .unwrap_or((home, Vec2::ZERO));
-        let border = square(2)
+        let sum: f32 = square(2)
             // The centres of the outermost corners are too far off to be neighbours.
             .filter(|&step| step != IVec2::ZERO && step.length_squared() < 8)
             .map(|step| {
                 let other = p - self.center(nearest + step);
                 // From one centre to the other, and the point's distance to the middle between them.
-                (offset - other).normalize().dot(-(offset + other) * 0.5)
+                let distance = (offset - other).normalize().dot(-(offset + other) * 0.5);
+                (-distance / ROUNDING).exp()
             })
-            .fold(f32::INFINITY, f32::min);
+            .sum();
         Cell {
-            border: border.max(0.0),
-            offset,
+            border: (-ROUNDING * sum.ln()).max(0.0),
             id: self.hash(nearest),
         }
     }

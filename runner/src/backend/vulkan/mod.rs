@@ -62,7 +62,8 @@ pub enum Selection {
     Named(String),
 }
 
-/// Every Vulkan device that fits, in the loader's order. Empty where drivers are installed and none offers a device that fits.
+/// Every Vulkan device that fits, in the loader's order. Empty where drivers are installed and none of them offers
+/// such a device.
 ///
 /// # Errors
 /// [`BackendError::NoDevice`] where there is no loader or no driver.

@@ -28,7 +28,7 @@ pub(super) fn scene() -> BuiltinScene {
         subdivisions: 128,
         view,
         up: Vec3::Y,
-        lights: vec![light(Vec3::new(-1.5, 5.0, 4.5), 0.9, Vec3::ONE)],
+        lights: vec![light(Vec3::new(2.0, 5.0, 5.5), 1.0, Vec3::ONE)],
     }
 }
 

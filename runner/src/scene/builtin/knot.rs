@@ -37,7 +37,7 @@ pub(super) fn scene() -> BuiltinScene {
             texels.iter().map(|t| t.1),
         )),
         zero: 0.5,
-        scale: 0.16,
+        scale: 0.2,
         subdivisions: 64,
         view: Vec3::new(0.1, -0.35, 1.0).normalize(),
         up: Vec3::Y,
@@ -187,16 +187,16 @@ fn fractal(uv: Vec2, scale: i32, octaves: u32, seed: u32) -> f32 {
 /// Height and linear colour at a point of the map: large pebbles, small ones in the gaps between them.
 fn texel(uv: Vec2) -> (f32, Vec3) {
     let rough = fractal(uv, 20, 4, 5);
-    let large = pebble(uv, 6, 1, 0.1);
+    let large = pebble(uv, 7, 1, 0.05);
     let gap = 1.0 - smoothstep(0.0, 0.3, large.dome);
     // The small ones cost as much as the large ones and are seen in the gaps alone.
     let small = if gap > 0.0 {
-        pebble(uv, 22, 2, 0.03)
+        pebble(uv, 24, 2, 0.02)
     } else {
         Pebble::default()
     };
     let bed = 0.04 + gap * 0.3 * small.dome * small.size;
-    let height = (0.9 * large.dome * large.size).max(bed) + 0.03 * rough * (0.4 + 0.6 * large.dome);
+    let height = (0.9 * large.dome * large.size).max(bed) + 0.05 * rough * (0.4 + 0.6 * large.dome);
     (
         (height + 0.02).clamp(0.0, 1.0),
         color(uv, &large, &small, gap, rough),
@@ -218,10 +218,8 @@ struct Pebble {
 /// are in cells.
 fn pebble(uv: Vec2, scale: i32, seed: u32, gap: f32) -> Pebble {
     let (lattice, p) = at_scale(uv, scale, seed);
-    let Cell { border, offset, id } = lattice.cellular(p);
-    // Round the cell's corners: near one the border is close though the centre is far.
-    let rounded = border - gap * (0.25 + offset.length_squared());
-    let rise = (rounded / 0.36).clamp(0.0, 1.0);
+    let Cell { border, id } = lattice.cellular(p);
+    let rise = ((border - gap) / 0.26).clamp(0.0, 1.0);
     Pebble {
         dome: (1.0 - (1.0 - rise).powi(2)).sqrt(),
         size: lerp(0.6, 1.0, unit(mix(id ^ 0x9e37))),
@@ -232,7 +230,7 @@ fn pebble(uv: Vec2, scale: i32, seed: u32, gap: f32) -> Pebble {
 /// The linear colour: teal, jade, sand and coral drift along the tube, each pebble in its own tone, the crests
 /// worn lighter and the gaps dark with their own small rust-coloured pebbles.
 fn color(uv: Vec2, large: &Pebble, small: &Pebble, gap: f32, rough: f32) -> Vec3 {
-    let drift = 0.47 + 0.6 * fractal(uv, 2, 2, 31) + 0.34 * (large.tone - 0.5);
+    let drift = 0.46 + 1.0 * fractal(uv, 1, 3, 31) + 0.4 * (large.tone - 0.5);
     let stone = palette(drift.clamp(0.0, 1.0)) * (0.8 + 0.4 * large.tone);
     let crest = smoothstep(0.3, 1.0, large.dome);
     let stone = stone * lerp(0.45, 1.2, crest) + Vec3::splat(0.035) * crest * crest;

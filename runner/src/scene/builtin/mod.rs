@@ -58,6 +58,10 @@ fn light(position: Vec3, strength: f32, color: Vec3) -> PointLight {
 mod tests {
     use super::*;
     use std::collections::HashMap;
+    use std::sync::LazyLock;
+
+    /// Made once for all tests, since its maps take a while.
+    static KNOT: LazyLock<BuiltinScene> = LazyLock::new(knot::scene);
 
     /// How often each edge, by the bits of its ends' positions, is run through in each direction.
     fn directed_edges(mesh: &Mesh) -> HashMap<[[u32; 3]; 2], u32> {
@@ -109,7 +113,7 @@ mod tests {
             assert!(scene.view.is_normalized() && !scene.lights.is_empty(), "{name}");
             let (min, max) = scene.height.range;
             assert!(
-                0.0 <= min && min < 0.1 && max > 0.9 && max <= 1.0,
+                (0.0..0.1).contains(&min) && (0.9..=1.0).contains(&max),
                 "{name} uses {min} to {max}"
             );
             for vertex in &scene.mesh.vertices {
@@ -161,19 +165,19 @@ mod tests {
 
     #[test]
     fn the_knot_is_closed_and_right_side_out() {
-        let mesh = knot::scene().mesh;
+        let mesh = &KNOT.mesh;
         assert!(
             (2400..2600).contains(&mesh.triangles.len()),
             "{}",
             mesh.triangles.len()
         );
-        assert_closed(&mesh);
-        assert!(volume(&mesh) > 0.0);
+        assert_closed(mesh);
+        assert!(volume(mesh) > 0.0);
     }
 
     #[test]
     fn the_knots_seams_agree_in_position_and_normal() {
-        let mesh = knot::scene().mesh;
+        let mesh = &KNOT.mesh;
         let mut normals = HashMap::new();
         let mut split = 0;
         for vertex in &mesh.vertices {
@@ -209,10 +213,10 @@ mod tests {
 
     #[test]
     fn the_knots_relief_tiles_in_both_directions() {
-        let map = knot::scene().height;
-        let (inside, seam) = steps(&map, map.width, |x, y| map.texel(x, y));
+        let map = &KNOT.height;
+        let (inside, seam) = steps(map, map.width, |x, y| map.texel(x, y));
         assert!(seam <= inside, "along: {seam} at the seam, {inside} elsewhere");
-        let (inside, seam) = steps(&map, map.height, |y, x| map.texel(x, y));
+        let (inside, seam) = steps(map, map.height, |y, x| map.texel(x, y));
         assert!(seam <= inside, "around: {seam} at the seam, {inside} elsewhere");
     }
 }

@@ -1,0 +1,340 @@
+//! Every struct that host and kernels share has one layout: sizes, offsets and strides that the compiled module
+//! states are those of the host's structs, and the numbers in attributes of `entry.rs` are the interface's constants.
+//!
+//! The module carries no names, so a struct is found by the binding or the entry point that uses it, and compared
+//! number by number: what lies at which offset, a float or an integer.
+
+use emboss_kernels::interface::{
+    BATCH_GROUP_SIZE, Batch, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Intersection,
+    PointLight, Ray, TILE_GROUP_SIZE, Tile, Triangle, Vertex, binding, spec,
+};
+use glam::{Vec3, Vec4};
+use rspirv::dr::{Instruction, Module, Operand};
+use rspirv::spirv::{Decoration, Op, StorageClass, Word};
+use std::collections::BTreeSet;
+use std::mem::offset_of;
+use xtask::{MODULE_PATH, REMEDY, module, workspace};
+
+/// Push constants that every Vulkan device has room for, in bytes.
+const PUSH_CONSTANTS_GUARANTEED: usize = 128;
+
+/// What a word of a buffer is read as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Float,
+    Unsigned,
+}
+
+/// A 32-bit number in a struct.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Number {
+    offset: usize,
+    kind: Kind,
+}
+
+/// The numbers of a struct in the order of its fields, and its size in an array.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Layout {
+    numbers: Vec<Number>,
+    /// Distance of neighbours in an array; none where there is only one.
+    stride: Option<usize>,
+}
+
+// --- The host's side -------------------------------------------------------------------------------------------
+
+/// A type that host and kernels share.
+trait Shared: Sized {
+    /// Its numbers in the order of its fields.
+    fn numbers() -> Vec<Number>;
+
+    /// The layout of a buffer that holds one.
+    fn one() -> Layout {
+        Layout { numbers: Self::numbers(), stride: None }
+    }
+
+    /// The layout of a buffer that holds many.
+    fn many() -> Layout {
+        Layout { numbers: Self::numbers(), stride: Some(size_of::<Self>()) }
+    }
+}
+
+impl Shared for f32 {
+    fn numbers() -> Vec<Number> {
+        vec![Number { offset: 0, kind: Kind::Float }]
+    }
+}
+
+impl Shared for u32 {
+    fn numbers() -> Vec<Number> {
+        vec![Number { offset: 0, kind: Kind::Unsigned }]
+    }
+}
+
+impl<T: Shared, const N: usize> Shared for [T; N] {
+    fn numbers() -> Vec<Number> {
+        (0..N).flat_map(|i| shifted(T::numbers(), i * size_of::<T>())).collect()
+    }
+}
+
+impl Shared for Vec3 {
+    fn numbers() -> Vec<Number> {
+        <[f32; 3]>::numbers()
+    }
+}
+
+impl Shared for Vec4 {
+    fn numbers() -> Vec<Number> {
+        <[f32; 4]>::numbers()
+    }
+}
+
+/// Implements [`Shared`] for a struct from the names of its fields; one left out does not compile.
+macro_rules! shared {
+    ($($name:ident { $($field:ident),* })*) => {$(
+        impl Shared for $name {
+            fn numbers() -> Vec<Number> {
+                let _every_field_is_named = |$name { $($field: _),* }: $name| ();
+                [$(field(offset_of!($name, $field), |whole: $name| whole.$field)),*].concat()
+            }
+        }
+    )*};
+}
+
+shared! {
+    Vertex { position, u, normal, v }
+    Triangle { vertices, flags }
+    BvhNode { min, first, max, count }
+    PointLight { position, intensity, color, padding }
+    Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }
+    Displacement { scale, zero, subdivisions, map_width, map_height, height_min, height_max, padding }
+    Frame {
+        camera, displacement, width, height, seed, light_count, albedo, ambient, background, background_alpha,
+        color_width, color_height, triangle_count, steps_scale
+    }
+    Tile { x, y, width, height, sample }
+    Batch { first, count, kernel }
+    FilmPixel { radiance, alpha, samples }
+    Counter { low, high }
+    Ray { origin, t_max, direction, padding }
+    Intersection { point, t, normal, primitive, point_error, cell, b1, b2, u, v }
+}
+
+/// The numbers of a field; its type is that of what `_read` returns.
+fn field<S, T: Shared>(offset: usize, _read: fn(S) -> T) -> Vec<Number> {
+    shifted(T::numbers(), offset)
+}
+
+/// Numbers moved by an offset.
+fn shifted(mut numbers: Vec<Number>, by: usize) -> Vec<Number> {
+    for number in &mut numbers {
+        number.offset += by;
+    }
+    numbers
+}
+
+/// What the host binds, by the constants of the interface.
+fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
+    [
+        (binding::FRAME, Frame::one()),
+        (binding::VERTICES, Vertex::many()),
+        (binding::TRIANGLES, Triangle::many()),
+        (binding::NODES, BvhNode::many()),
+        (binding::PRIMITIVES, u32::many()),
+        (binding::HEIGHT_TEXELS, u32::many()),
+        (binding::COLOR_TEXELS, u32::many()),
+        (binding::LIGHTS, PointLight::many()),
+        (binding::FILM, FilmPixel::many()),
+        (binding::PICTURE, Vec4::many()),
+        (binding::COUNTERS, Counter::many()),
+        (binding::RAYS, Ray::many()),
+        (binding::INTERSECTIONS, Intersection::many()),
+        (binding::PROBE_IN, u32::many()),
+        (binding::PROBE_OUT, u32::many()),
+    ]
+}
+
+// --- The module's side -----------------------------------------------------------------------------------------
+
+/// The module in `assets`.
+fn compiled() -> Module {
+    let path = workspace().join(MODULE_PATH);
+    let bytes = std::fs::read(path).unwrap_or_else(|error| panic!("{MODULE_PATH}: {error}; {REMEDY}"));
+    module::parse(&bytes).unwrap_or_else(|error| panic!("{MODULE_PATH}: {error}; {REMEDY}"))
+}
+
+/// The type, constant or variable with an id.
+fn global(module: &Module, id: Word) -> &Instruction {
+    let mut globals = module.types_global_values.iter();
+    globals.find(|global| global.result_id == Some(id)).unwrap_or_else(|| panic!("%{id} is not declared"))
+}
+
+/// The id in an instruction's operand.
+fn id(instruction: &Instruction, operand: usize) -> Word {
+    instruction.operands[operand].unwrap_id_ref()
+}
+
+/// The number in an instruction's operand.
+fn literal(instruction: &Instruction, operand: usize) -> usize {
+    instruction.operands[operand].unwrap_literal_bit32() as usize
+}
+
+/// The layout of the block that a variable points to.
+fn layout_of_variable(module: &Module, variable: &Instruction) -> Layout {
+    let pointer = global(module, variable.result_type.unwrap());
+    let block = global(module, id(pointer, 1));
+    // rust-gpu wraps what a binding holds in a block of one member.
+    assert_eq!(block.operands.len(), 1, "a block of one member");
+    assert_eq!(member_offset(module, block.result_id.unwrap(), 0), 0);
+    let content = global(module, id(block, 0));
+    match content.class.opcode {
+        Op::TypeRuntimeArray => {
+            Layout { numbers: numbers(module, id(content, 0)), stride: Some(array_stride(module, content)) }
+        }
+        _ => Layout { numbers: numbers(module, content.result_id.unwrap()), stride: None },
+    }
+}
+
+/// The numbers of a type in the order of its members.
+fn numbers(module: &Module, type_id: Word) -> Vec<Number> {
+    let declared = global(module, type_id);
+    let repeated = |count: usize, stride: usize| {
+        let element = numbers(module, id(declared, 0));
+        (0..count).flat_map(|i| shifted(element.clone(), i * stride)).collect()
+    };
+    match (declared.class.opcode, &declared.operands[..]) {
+        (Op::TypeFloat, [Operand::LiteralBit32(32), ..]) => f32::numbers(),
+        (Op::TypeInt, [Operand::LiteralBit32(32), Operand::LiteralBit32(0)]) => u32::numbers(),
+        (Op::TypeVector, _) => repeated(literal(declared, 1), size_of::<f32>()),
+        (Op::TypeArray, _) => {
+            repeated(literal(global(module, id(declared, 1)), 0), array_stride(module, declared))
+        }
+        (Op::TypeStruct, members) => (0..members.len())
+            .flat_map(|i| shifted(numbers(module, id(declared, i)), member_offset(module, type_id, i)))
+            .collect(),
+        (other, operands) => panic!("a buffer holds {other:?} {operands:?}, which no host struct has"),
+    }
+}
+
+/// The decorated stride of an array.
+fn array_stride(module: &Module, array: &Instruction) -> usize {
+    let mut strides = module::decorated(module, Decoration::ArrayStride);
+    let (_, stride) =
+        strides.find(|(target, _)| Some(*target) == array.result_id).expect("arrays have a stride");
+    stride as usize
+}
+
+/// The decorated offset of a struct's member.
+fn member_offset(module: &Module, structure: Word, member: usize) -> usize {
+    let offset = module.annotations.iter().find_map(|annotation| match annotation.operands[..] {
+        [
+            Operand::IdRef(target),
+            Operand::LiteralBit32(index),
+            Operand::Decoration(Decoration::Offset),
+            Operand::LiteralBit32(offset),
+        ] if target == structure && index as usize == member => Some(offset),
+        _ => None,
+    });
+    offset.expect("members of blocks have an offset") as usize
+}
+
+/// The variables that are bound to a binding; an entry point that only reads has one of its own.
+fn bound(module: &Module, binding: u32) -> impl Iterator<Item = &Instruction> {
+    let bound = module::decorated(module, Decoration::Binding).filter(move |(_, number)| *number == binding);
+    bound.map(|(variable, _)| global(module, variable))
+}
+
+/// The push constants that an entry point reads, if it does.
+fn push_constants(module: &Module, entry_point: &str) -> Option<Layout> {
+    let entry = module.entry_points.iter().find(|entry| entry.operands[2] == Operand::from(entry_point))?;
+    let mut interface = (3..entry.operands.len()).map(|i| global(module, id(entry, i)));
+    let block = interface.find(|variable| {
+        variable.operands.first() == Some(&Operand::StorageClass(StorageClass::PushConstant))
+    })?;
+    Some(layout_of_variable(module, block))
+}
+
+/// Bindings whose layout is not the host's.
+fn differing_bindings(module: &Module) -> Vec<u32> {
+    let differs = |(number, host): &(u32, Layout)| {
+        bound(module, *number).any(|variable| layout_of_variable(module, variable) != *host)
+    };
+    host_buffers().iter().filter(|buffer| differs(buffer)).map(|(number, _)| *number).collect()
+}
+
+// --- The tests -------------------------------------------------------------------------------------------------
+
+#[test]
+fn buffers_have_the_layout_of_the_hosts_structs() {
+    let module = compiled();
+    for (number, host) in host_buffers() {
+        for variable in bound(&module, number) {
+            assert_eq!(layout_of_variable(&module, variable), host, "binding {number}");
+        }
+    }
+}
+
+#[test]
+fn every_binding_of_the_interface_is_used_and_no_other() {
+    let module = compiled();
+    let expected: BTreeSet<u32> = (0..binding::COUNT).collect();
+    assert_eq!(module::contents(&module).bindings, expected);
+    assert!(module::decorated(&module, Decoration::DescriptorSet).all(|(_, set)| set == 0));
+    assert_eq!(host_buffers().map(|(number, _)| number).into_iter().collect::<BTreeSet<_>>(), expected);
+}
+
+#[test]
+fn every_specialisation_constant_of_the_interface_is_used_and_no_other() {
+    let constants = module::contents(&compiled()).spec_constants;
+    assert_eq!(constants.into_keys().collect::<Vec<_>>(), (0..spec::COUNT).collect::<Vec<_>>());
+}
+
+#[test]
+fn push_constants_have_the_layout_of_the_hosts_structs() {
+    let module = compiled();
+    for entry_point in ["render", "resolve"] {
+        assert_eq!(push_constants(&module, entry_point), Some(Tile::one()), "{entry_point}");
+    }
+    for entry_point in ["trace_rays", "probe"] {
+        assert_eq!(push_constants(&module, entry_point), Some(Batch::one()), "{entry_point}");
+    }
+    assert!(size_of::<Tile>().max(size_of::<Batch>()) <= PUSH_CONSTANTS_GUARANTEED);
+}
+
+#[test]
+fn entry_points_have_the_workgroups_of_the_interface() {
+    let entry_points = module::contents(&compiled()).entry_points;
+    let workgroups: Vec<_> =
+        entry_points.iter().map(|(name, entry)| (name.as_str(), entry.workgroup)).collect();
+    let tile = [TILE_GROUP_SIZE, TILE_GROUP_SIZE, 1];
+    let batch = [BATCH_GROUP_SIZE, 1, 1];
+    assert_eq!(workgroups, [("probe", batch), ("render", tile), ("resolve", tile), ("trace_rays", batch)]);
+}
+
+/// Changes every decoration for which `change` returns another value.
+fn changed(mut module: Module, change: impl Fn(&[Operand]) -> Option<u32>) -> Module {
+    for annotation in &mut module.annotations {
+        if let Some(value) = change(&annotation.operands) {
+            annotation.operands.pop();
+            annotation.operands.push(Operand::LiteralBit32(value));
+        }
+    }
+    module
+}
+
+/// The comparison above can fail: a member that moves, and a stride that grows, are noticed.
+#[test]
+fn a_moved_member_and_a_changed_stride_are_noticed() {
+    assert!(differing_bindings(&compiled()).is_empty());
+    let moved = changed(compiled(), |operands| match operands {
+        [_, Operand::LiteralBit32(1), Operand::Decoration(Decoration::Offset), Operand::LiteralBit32(12)] => {
+            Some(16)
+        }
+        _ => None,
+    });
+    assert!(differing_bindings(&moved).contains(&binding::RAYS));
+    let stretched = changed(compiled(), |operands| match operands {
+        [_, Operand::Decoration(Decoration::ArrayStride), Operand::LiteralBit32(32)] => Some(48),
+        _ => None,
+    });
+    assert!(differing_bindings(&stretched).contains(&binding::RAYS));
+}
