@@ -266,19 +266,10 @@ fn say(line: impl std::fmt::Display) {
 /// One line a device; the number is what `--device` takes.
 fn list_devices() {
     let mut vulkan = 0_u32..;
-    for DeviceInfo {
-        backend,
-        name,
-        kind,
-        details,
-    } in devices()
-    {
+    for DeviceInfo { backend, name, kind, details } in devices() {
         let number = if backend == "vulkan" { vulkan.next() } else { None };
         let number = number.map_or_else(String::new, |number| number.to_string());
-        say(format_args!(
-            "{backend:<8}{number:<3}{name} ({}, {details})",
-            kind_name(kind)
-        ));
+        say(format_args!("{backend:<8}{number:<3}{name} ({}, {details})", kind_name(kind)));
     }
 }
 
@@ -308,31 +299,18 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(
-            &settings,
-            self.samples,
-            scene.zero,
-            scene.scale,
-            scene.subdivisions,
-        );
+        let used = SettingsUsed::new(&settings, self.samples, scene.zero, scene.scale, scene.subdivisions);
         let job = prepare(scene, &settings)?;
-        tracing::debug!(
-            "BVH of {} nodes built in {:.1?}",
-            job.buffers.nodes.len(),
-            job.bvh_build
-        );
+        tracing::debug!("BVH of {} nodes built in {:.1?}", job.buffers.nodes.len(), job.bvh_build);
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);
         }
 
+        tracing::debug!("rendering on {}", backend.device().name);
         let bar = progress::bar(self.quiet);
         let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
             bar.set_position(progress::position(share));
-            if interrupt.requested() {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
+            if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
         bar.finish_and_clear();
 
@@ -374,13 +352,7 @@ impl RenderArgs {
             shade: self.shade,
             shadows: !self.no_shadows,
             wrap: self.wrap,
-            view: View {
-                eye: self.eye,
-                target: self.target,
-                up: self.up,
-                fov: self.fov,
-                ..View::default()
-            },
+            view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },
             lights: self.lights.clone(),
             ambient: self.ambient,
             background: self.background,
@@ -427,10 +399,7 @@ impl RenderArgs {
             0 => String::new(),
             dropped => format!(", left out {dropped} of zero area"),
         };
-        say(format_args!(
-            "Imported {} triangles{dropped}",
-            mesh.triangles.len()
-        ));
+        say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
     }
 
     fn report_done(&self, destination: &Destination, rendering: &Rendering, device: &DeviceInfo) {

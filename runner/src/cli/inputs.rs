@@ -124,19 +124,11 @@ struct Settled<T> {
 
 impl<T> Settled<T> {
     fn new(value: T, shown: impl fmt::Display, origin: &'static str) -> Settled<T> {
-        Settled {
-            value,
-            shown: shown.to_string(),
-            origin,
-        }
+        Settled { value, shown: shown.to_string(), origin }
     }
 
     fn choice(&self, name: &'static str) -> Choice {
-        Choice {
-            name,
-            value: self.shown.clone(),
-            origin: self.origin,
-        }
+        Choice { name, value: self.shown.clone(), origin: self.origin }
     }
 }
 
@@ -145,27 +137,15 @@ pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
     let mut model = load_model(&request.model)?;
     let builtin = model.builtin.as_ref();
     let zero = number(request.zero, builtin.map(|b| b.zero), || ZERO);
-    let scale = number(request.scale, builtin.map(|b| b.scale), || {
-        SCALE_SHARE * diagonal(&model.mesh)
-    });
-    let subdivisions = number(request.subdivisions, builtin.map(|b| b.subdivisions), || {
-        SUBDIVISIONS
-    });
+    let scale = number(request.scale, builtin.map(|b| b.scale), || SCALE_SHARE * diagonal(&model.mesh));
+    let subdivisions = number(request.subdivisions, builtin.map(|b| b.subdivisions), || SUBDIVISIONS);
     let color = color_map(&request.color, &mut model)?;
     let height = height_map(request, zero.value, &mut model)?;
     warn_of_map(&height);
 
-    let model_origin = if request.model == ModelArgument::Default {
-        DEFAULT
-    } else {
-        GIVEN
-    };
+    let model_origin = if request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
     let choices = [
-        Choice {
-            name: "model",
-            value: model.name,
-            origin: model_origin,
-        },
+        Choice { name: "model", value: model.name, origin: model_origin },
         color.choice("color"),
         height.choice("height"),
         zero.choice("zero"),
@@ -180,27 +160,15 @@ pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
         scale: scale.value,
         subdivisions: subdivisions.value,
     };
-    let (view, lights) = model
-        .builtin
-        .map_or((None, Vec::new()), |b| (Some(b.view), b.lights));
-    Ok(Inputs {
-        scene,
-        choices,
-        view,
-        lights,
-    })
+    let (view, lights) = model.builtin.map_or((None, Vec::new()), |b| (Some(b.view), b.lights));
+    Ok(Inputs { scene, choices, view, lights })
 }
 
 fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
     match argument {
         ModelArgument::File(path) => {
             let (mesh, maps) = load_obj(path)?;
-            Ok(Model {
-                name: path.display().to_string(),
-                mesh,
-                maps,
-                builtin: None,
-            })
+            Ok(Model { name: path.display().to_string(), mesh, maps, builtin: None })
         }
         ModelArgument::Builtin(name) => load_builtin(name),
         ModelArgument::Default => load_builtin("builtin:knot"),
@@ -208,41 +176,17 @@ fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
-    let unknown = || InputError::UnknownBuiltin {
-        name: name.to_owned(),
-    };
-    let BuiltinScene {
-        mesh,
-        height,
-        color,
-        zero,
-        scale,
-        subdivisions,
-        view,
-        up,
-        lights,
-    } = builtin::load(name).ok_or_else(unknown)?;
+    let unknown = || InputError::UnknownBuiltin { name: name.to_owned() };
+    let BuiltinScene { mesh, height, color, zero, scale, subdivisions, view, up, lights } =
+        builtin::load(name).ok_or_else(unknown)?;
     let light = |light: emboss_kernels::interface::PointLight| Light {
         position: light.position,
         color: light.color,
         intensity: Some(light.intensity),
     };
     let lights = lights.into_iter().map(light).collect();
-    let recommended = Recommended {
-        height,
-        color,
-        zero,
-        scale,
-        subdivisions,
-        view: (view, up),
-        lights,
-    };
-    Ok(Model {
-        name: name.to_owned(),
-        mesh,
-        maps: MaterialMaps::default(),
-        builtin: Some(recommended),
-    })
+    let recommended = Recommended { height, color, zero, scale, subdivisions, view: (view, up), lights };
+    Ok(Model { name: name.to_owned(), mesh, maps: MaterialMaps::default(), builtin: Some(recommended) })
 }
 
 /// A number as given, else the built-in scene's, else the default.
@@ -280,11 +224,7 @@ fn color_map(argument: &MapArgument, model: &mut Model) -> Result<Settled<Option
 
 fn height_map(request: &Request, zero: f32, model: &mut Model) -> Result<Settled<HeightMap>, InputError> {
     let load = |path: &Path, origin| -> Result<_, InputError> {
-        Ok(Settled::new(
-            load_height_map(path, zero, request.invert)?,
-            path.display(),
-            origin,
-        ))
+        Ok(Settled::new(load_height_map(path, zero, request.invert)?, path.display(), origin))
     };
     match &request.height {
         MapArgument::File(path) => load(path, GIVEN),
@@ -308,11 +248,7 @@ fn inverted(map: HeightMap) -> HeightMap {
         _ => !word,
     };
     let texels = map.texels.into_iter().map(invert).collect();
-    HeightMap {
-        texels,
-        range: (1.0 - map.range.1, 1.0 - map.range.0),
-        ..map
-    }
+    HeightMap { texels, range: (1.0 - map.range.1, 1.0 - map.range.0), ..map }
 }
 
 /// A map that materials name, where it is there. Materials often come without their maps: that is worth a warning,
@@ -330,18 +266,13 @@ fn existing(path: Option<&Path>) -> Option<&Path> {
 
 /// One line for each thing about a height map that may surprise in the picture.
 fn warn_of_map(height: &Settled<HeightMap>) {
-    let Settled {
-        value: map, shown, ..
-    } = height;
+    let Settled { value: map, shown, .. } = height;
     if map.has_steps() {
         tracing::warn!(
             "{shown}: has 8 bits, so that slopes come in 256 steps; a map of 16 bits or floats is smooth"
         );
     }
     if map.replaced > 0 {
-        tracing::warn!(
-            "{shown}: {} texels are NaN or infinite; they do not displace",
-            map.replaced
-        );
+        tracing::warn!("{shown}: {} texels are NaN or infinite; they do not displace", map.replaced);
     }
 }

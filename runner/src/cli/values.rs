@@ -28,11 +28,7 @@ impl<T> OrDefault<T> {
 }
 
 fn or_default<T>(text: &str, parse: fn(&str) -> Result<T, String>) -> Result<OrDefault<T>, String> {
-    if text == LEFT_OUT {
-        Ok(OrDefault::Default)
-    } else {
-        parse(text).map(OrDefault::Given)
-    }
+    if text == LEFT_OUT { Ok(OrDefault::Default) } else { parse(text).map(OrDefault::Given) }
 }
 
 /// A file or `builtin:NAME`. File names need not be UTF-8.
@@ -67,10 +63,8 @@ pub(super) fn subdivisions_or_default(text: &str) -> Result<OrDefault<u32>, Stri
 
 /// A number that is neither NaN nor infinite, also not by rounding to `f32`.
 pub(super) fn finite(text: &str) -> Result<f32, String> {
-    let number = text
-        .trim()
-        .parse::<f32>()
-        .map_err(|_| format!("`{text}` is no number; write one such as 0.5"))?;
+    let number =
+        text.trim().parse::<f32>().map_err(|_| format!("`{text}` is no number; write one such as 0.5"))?;
     if number.is_finite() {
         Ok(number)
     } else {
@@ -80,11 +74,7 @@ pub(super) fn finite(text: &str) -> Result<f32, String> {
 
 pub(super) fn not_negative(text: &str) -> Result<f32, String> {
     let number = finite(text)?;
-    if number >= 0.0 {
-        Ok(number)
-    } else {
-        Err(format!("`{text}` is below 0; light is 0 or more"))
-    }
+    if number >= 0.0 { Ok(number) } else { Err(format!("`{text}` is below 0; light is 0 or more")) }
 }
 
 pub(super) fn fov(text: &str) -> Result<f32, String> {
@@ -111,17 +101,12 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     if width == 0 || height == 0 {
         return Err("a picture has at least 1x1 pixels".to_owned());
     }
-    let pixels = width
-        .checked_mul(height)
-        .filter(|&pixels| pixels <= u64::from(u32::MAX));
+    let pixels = width.checked_mul(height).filter(|&pixels| pixels <= u64::from(u32::MAX));
     match (u32::try_from(width), u32::try_from(height), pixels) {
         (Ok(width), Ok(height), Some(_)) if width.max(height) <= i32::MAX.unsigned_abs() => {
             Ok((width, height))
         }
-        _ => Err(format!(
-            "a picture has at most {} pixels; choose a smaller size",
-            u32::MAX
-        )),
+        _ => Err(format!("a picture has at most {} pixels; choose a smaller size", u32::MAX)),
     }
 }
 
@@ -137,9 +122,7 @@ pub(super) fn png_format(text: &str) -> Result<PictureFormat, String> {
 pub(super) fn vector(text: &str) -> Result<Vec3, String> {
     match text.split(',').collect::<Vec<_>>()[..] {
         [x, y, z] => Ok(Vec3::new(finite(x)?, finite(y)?, finite(z)?)),
-        _ => Err(format!(
-            "`{text}` is not of three numbers; write X,Y,Z without spaces, such as 0,1,-2.5"
-        )),
+        _ => Err(format!("`{text}` is not of three numbers; write X,Y,Z without spaces, such as 0,1,-2.5")),
     }
 }
 
@@ -160,19 +143,13 @@ pub(super) fn light(text: &str) -> Result<Light, String> {
     let color = parts.next().map_or(Ok(Vec3::ONE), vector)?;
     let intensity = parts.next().map(not_negative).transpose()?;
     if color.min_element() < 0.0 {
-        return Err(format!(
-            "the colour of `{text}` has a part below 0; light is 0 or more"
-        ));
+        return Err(format!("the colour of `{text}` has a part below 0; light is 0 or more"));
     }
     match parts.next() {
-        None => Ok(Light {
-            position,
-            color,
-            intensity,
-        }),
-        Some(_) => Err(format!(
-            "`{text}` has too many parts; write X,Y,Z, X,Y,Z:R,G,B or X,Y,Z:R,G,B:INTENSITY"
-        )),
+        None => Ok(Light { position, color, intensity }),
+        Some(_) => {
+            Err(format!("`{text}` has too many parts; write X,Y,Z, X,Y,Z:R,G,B or X,Y,Z:R,G,B:INTENSITY"))
+        }
     }
 }
 
@@ -210,11 +187,7 @@ mod tests {
         assert_eq!(subdivisions_or_default("4096"), Ok(OrDefault::Given(4096)));
         assert_eq!(subdivisions_or_default("-"), Ok(OrDefault::Default));
         for wrong in ["0", "4097", "-1", "8.0"] {
-            assert!(
-                subdivisions_or_default(wrong)
-                    .expect_err(wrong)
-                    .contains("from 1 to 4096")
-            );
+            assert!(subdivisions_or_default(wrong).expect_err(wrong).contains("from 1 to 4096"));
         }
     }
 
@@ -228,26 +201,11 @@ mod tests {
 
     #[test]
     fn lights() {
-        let plain = Light {
-            position: Vec3::new(1.0, 2.0, 3.0),
-            color: Vec3::ONE,
-            intensity: None,
-        };
+        let plain = Light { position: Vec3::new(1.0, 2.0, 3.0), color: Vec3::ONE, intensity: None };
         assert_eq!(light("1,2,3"), Ok(plain));
-        let red = Light {
-            color: Vec3::X,
-            intensity: Some(9.0),
-            ..plain
-        };
+        let red = Light { color: Vec3::X, intensity: Some(9.0), ..plain };
         assert_eq!(light("1,2,3:1,0,0:9"), Ok(red));
-        for wrong in [
-            "1,2",
-            "1,2,3:1",
-            "1,2,3:1,1,-1",
-            "1,2,3:1,1,1:-1",
-            "1,2,3:1,1,1:1:1",
-            "1,2,3:1,1,1:",
-        ] {
+        for wrong in ["1,2", "1,2,3:1", "1,2,3:1,1,-1", "1,2,3:1,1,1:-1", "1,2,3:1,1,1:1:1", "1,2,3:1,1,1:"] {
             assert!(light(wrong).is_err(), "{wrong}");
         }
     }
@@ -257,10 +215,7 @@ mod tests {
         assert_eq!(background("0,0,1"), Ok(Vec3::Z));
         let grey = background("0.5,0.5,0.5").expect("a colour");
         // The six digits of the published value.
-        assert!(
-            (grey - Vec3::splat(0.214_041)).abs().max_element() < 1e-6,
-            "{grey}"
-        );
+        assert!((grey - Vec3::splat(0.214_041)).abs().max_element() < 1e-6, "{grey}");
         assert!(background("255,0,0").expect_err("codes").contains("255"));
     }
 }
