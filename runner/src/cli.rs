@@ -9,7 +9,7 @@ mod progress;
 mod values;
 
 use crate::backend::select::{BackendChoice, devices, open_backend};
-use crate::backend::{BackendError, DeviceInfo};
+use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, prepare, render};
@@ -80,7 +80,7 @@ struct RenderArgs {
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = values::size)]
     size: (u32, u32),
     /// Samples of each pixel
-    #[arg(long, value_name = "COUNT", default_value = "16", value_parser = values::samples)]
+    #[arg(long, value_name = "COUNT", default_value = "4", value_parser = values::samples)]
     samples: u32,
     /// How displaced triangles are intersected
     #[arg(long, value_enum, default_value_t = Method::GridWalk)]
@@ -263,9 +263,23 @@ fn say(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
+/// One line a device; the number is what `--device` takes.
 fn list_devices() {
+    let mut vulkan = 0_u32..;
     for DeviceInfo { backend, name, kind, details } in devices() {
-        say(format_args!("{backend:<8}{name} ({kind:?}, {details})"));
+        let number = if backend == "vulkan" { vulkan.next() } else { None };
+        let number = number.map_or_else(String::new, |number| number.to_string());
+        say(format_args!("{backend:<8}{number:<3}{name} ({}, {details})", kind_name(kind)));
+    }
+}
+
+fn kind_name(kind: DeviceKind) -> &'static str {
+    match kind {
+        DeviceKind::Discrete => "graphics card",
+        DeviceKind::Integrated => "integrated graphics",
+        DeviceKind::Virtual => "virtual graphics",
+        DeviceKind::Software => "software, only by --device",
+        DeviceKind::Cpu => "processor",
     }
 }
 
@@ -292,6 +306,7 @@ impl RenderArgs {
             return Err(CliError::InterruptedEarly);
         }
 
+        tracing::debug!("rendering on {}", backend.device().name);
         let bar = progress::bar(self.quiet);
         let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
             bar.set_position(progress::position(share));
@@ -346,7 +361,7 @@ impl RenderArgs {
         }
     }
 
-    fn open_backend(&self) -> Result<Box<dyn crate::backend::Backend>, CliError> {
+    fn open_backend(&self) -> Result<Box<dyn Backend>, CliError> {
         if self.backend == BackendChoice::Cpu && self.device.is_some() {
             return Err(CliError::DeviceWithCpu);
         }

@@ -249,3 +249,153 @@ fn features(scene: &Scene, settings: &Settings) -> Features {
         counters: u32::from(settings.counting),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::cpu::CpuBackend;
+    use crate::scene::builtin;
+    use emboss_kernels::interface::counter;
+
+    fn quilt() -> Scene {
+        let builtin = builtin::load("builtin:quilt").expect("built in");
+        Scene {
+            mesh: builtin.mesh,
+            height_map: builtin.height,
+            color_map: builtin.color,
+            zero: builtin.zero,
+            scale: builtin.scale,
+            subdivisions: 4,
+        }
+    }
+
+    fn small() -> Settings {
+        Settings {
+            width: 24,
+            height: 16,
+            counting: true,
+            ..Settings::default()
+        }
+    }
+
+    fn rendered(settings: &Settings, samples: u32) -> Rendering {
+        let job = prepare(quilt(), settings).expect("framed");
+        render(&mut CpuBackend::new(), &job, samples, &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .expect("fits")
+    }
+
+    /// Heights as the kernels compute them, at both ends of the range and between, lie in the stated range.
+    #[test]
+    fn heights_lie_in_their_range() {
+        for (zero, scale) in [(0.5, 0.3), (0.1, -7.7), (-3.0, 1e-3), (1.0 / 3.0, 123.456)] {
+            let (low, high) = height_range((0.0, 1.0), scale, zero);
+            for i in 0..=255 {
+                let height = scale * (i as f32 * (1.0 / 255.0) - zero);
+                assert!(low <= height && height <= high, "{low} {height} {high}");
+            }
+            // Not wider than by the slack, eight epsilons of the largest term.
+            let width = scale.abs() * (1.0 + zero.abs());
+            assert!((high - low) - scale.abs() <= 20.0 * f32::EPSILON * width);
+        }
+        assert_eq!(height_range((0.0, 1.0), 0.0, 0.5), (0.0, 0.0));
+    }
+
+    #[test]
+    fn without_displacement_boxes_are_flat() {
+        let flat = prepare(
+            quilt(),
+            &Settings {
+                method: Method::None,
+                ..small()
+            },
+        )
+        .expect("framed");
+        let displaced = prepare(quilt(), &small()).expect("framed");
+        let volume = |job: &Job| (job.buffers.nodes[0].max - job.buffers.nodes[0].min).element_product();
+        assert!(volume(&flat) < 0.01 * volume(&displaced));
+        assert_eq!(flat.frame.displacement.scale, 0.0);
+    }
+
+    #[test]
+    fn the_model_is_in_the_middle_of_its_picture() {
+        let picture = rendered(&small(), 1).picture;
+        let alpha = |x: usize, y: usize| picture.pixels[y * 24 + x].w;
+        assert_eq!((alpha(12, 8), alpha(0, 0), alpha(23, 0)), (1.0, 0.0, 0.0));
+        // It touches neither the left nor the lower edge.
+        assert!((0..16).all(|y| alpha(0, y) == 0.0) && (0..24).all(|x| alpha(x, 15) == 0.0));
+    }
+
+    #[test]
+    fn each_sample_is_a_ray_for_each_pixel() {
+        let rendering = rendered(&small(), 3);
+        assert_eq!(rendering.totals[counter::PRIMARY_RAYS as usize], 24 * 16 * 3);
+        assert!(!rendering.interrupted);
+    }
+
+    #[test]
+    fn progress_runs_from_sample_to_sample() {
+        let job = prepare(quilt(), &small()).expect("framed");
+        let mut shares = Vec::new();
+        let rendering = render(&mut CpuBackend::new(), &job, 4, &mut |share| {
+            shares.push(share);
+            if share < 0.5 {
+                ControlFlow::Continue(())
+            } else {
+                ControlFlow::Break(())
+            }
+        })
+        .expect("fits");
+        assert_eq!(shares, [0.25, 0.5]);
+        assert!(rendering.interrupted);
+        assert_eq!(rendering.totals[counter::PRIMARY_RAYS as usize], 24 * 16 * 2);
+    }
+
+    #[test]
+    fn lights_are_the_users_or_the_key_light() {
+        let job = prepare(quilt(), &small()).expect("framed");
+        assert_eq!(job.frame.light_count, 1);
+        let light = Light {
+            position: Vec3::splat(9.0),
+            color: Vec3::X,
+            intensity: None,
+        };
+        let lights = vec![
+            light,
+            Light {
+                intensity: Some(2.0),
+                ..light
+            },
+        ];
+        let job = prepare(quilt(), &Settings { lights, ..small() }).expect("framed");
+        assert_eq!(job.frame.light_count, 2);
+        assert!(job.buffers.lights[0].intensity > 2.0);
+        assert_eq!(job.buffers.lights[1].intensity, 2.0);
+    }
+
+    #[test]
+    fn a_background_fills_what_is_not_hit() {
+        let red = rendered(
+            &Settings {
+                background: Some(Vec3::X),
+                ..small()
+            },
+            1,
+        );
+        assert_eq!(red.picture.pixels[0], Vec4::new(1.0, 0.0, 0.0, 1.0));
+    }
+
+    #[test]
+    fn pictures_beyond_memory_are_refused_at_once() {
+        let huge = Settings {
+            width: u32::MAX,
+            height: u32::MAX,
+            ..small()
+        };
+        let error = check_memory(&huge);
+        // Systems that do not tell their memory leave it to the allocation.
+        assert!(available_memory().is_none() || matches!(error, Err(RenderError::Memory { .. })));
+        assert!(check_memory(&small()).is_ok());
+    }
+}

@@ -89,7 +89,7 @@ pub(super) fn fov(text: &str) -> Result<f32, String> {
 
 pub(super) fn samples(text: &str) -> Result<u32, String> {
     let count = text.parse().ok().filter(|&count: &u32| count > 0);
-    count.ok_or_else(|| format!("a pixel has from 1 to {} samples; try 16", u32::MAX))
+    count.ok_or_else(|| format!("a pixel has from 1 to {} samples; try 4", u32::MAX))
 }
 
 /// `WIDTHxHEIGHT`. Kernels address pixels by a `u32`, and PNG allows 2^31 - 1 pixels a side.

@@ -1,0 +1,512 @@
+//! The program as a user meets it: what it says, what it writes, and how it ends. Every test runs the binary in a
+//! folder of its own, on the CPU backend unless Vulkan is what it is about.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A small picture of the quickest scene.
+const QUICK: [&str; 12] = [
+    "render",
+    "builtin:cube",
+    "-",
+    "-",
+    "-",
+    "-",
+    "4",
+    "--size=16x12",
+    "--samples=2",
+    "--backend=cpu",
+    "--seed=1",
+    "--output=out.png",
+];
+
+/// A triangle with texture coordinates.
+const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+
+/// A folder to run in.
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().expect("a temporary folder"))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn with(self, name: &str, content: impl AsRef<[u8]>) -> Place {
+        std::fs::write(self.path(name), content).expect("the folder is writable");
+        self
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_emboss"));
+        command.args(arguments).current_dir(self.0.path());
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Run {
+        Run::of(self.command(arguments).output().expect("the program starts"))
+    }
+
+    /// A small rendering of a model file on the CPU.
+    fn render(&self, arguments: &[&str]) -> Run {
+        let options = ["--size=16x12", "--samples=1", "--backend=cpu", "--output=out.png"];
+        self.run(&[&["render"], arguments, &options].concat())
+    }
+
+    fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).expect("the file was written")
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.0.path()).expect("readable");
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.expect("readable").file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+}
+
+/// How a run of the program ended.
+#[derive(Debug)]
+struct Run {
+    code: Option<i32>,
+    stdout: String,
+    stderr: String,
+}
+
+impl Run {
+    fn of(output: Output) -> Run {
+        Run {
+            code: output.status.code(),
+            stdout: String::from_utf8(output.stdout).expect("text"),
+            stderr: String::from_utf8(output.stderr).expect("text"),
+        }
+    }
+
+    #[track_caller]
+    fn succeeded(self) -> Run {
+        assert_eq!(self.code, Some(0), "{}", self.stderr);
+        self
+    }
+
+    /// The run ended with `code`, and its message has all of `parts`.
+    #[track_caller]
+    fn failed(self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, Some(code), "{}", self.stderr);
+        for part in parts {
+            assert!(self.stderr.contains(part), "no `{part}` in: {}", self.stderr);
+        }
+    }
+}
+
+fn alphas(path: &Path) -> Vec<u8> {
+    image::open(path).expect("a picture").to_rgba8().pixels().map(|pixel| pixel.0[3]).collect()
+}
+
+// What is written.
+
+#[test]
+fn a_picture_shows_the_model_before_a_transparent_background() {
+    let place = Place::new();
+    place.run(&QUICK).succeeded();
+    let alphas = alphas(&place.path("out.png"));
+    assert_eq!((alphas[0], alphas[6 * 16 + 8]), (0, 255));
+    assert_eq!(place.files(), ["out.png"]);
+}
+
+#[test]
+fn one_pixel_is_a_picture() {
+    let place = Place::new();
+    place
+        .run(&[&QUICK[..7], &["--size=1x1", "--samples=64", "--backend=cpu", "-oout.png"]].concat())
+        .succeeded();
+    // Most of it is covered, but not its corners.
+    let alphas = alphas(&place.path("out.png"));
+    assert!(alphas.len() == 1 && alphas[0] > 64 && alphas[0] < 255, "{alphas:?}");
+}
+
+#[test]
+fn the_seed_decides_every_byte() {
+    let picture = |seed| {
+        let place = Place::new();
+        place.run(&[&QUICK[..10], &[seed, "--output=out.png"]].concat()).succeeded();
+        place.read("out.png")
+    };
+    assert_eq!(picture("--seed=1"), picture("--seed=1"));
+    assert_ne!(picture("--seed=1"), picture("--seed=2"));
+}
+
+#[test]
+fn a_background_fills_the_picture() {
+    let place = Place::new();
+    place.run(&[&QUICK[..], &["--background=1,0.5,0"]].concat()).succeeded();
+    let picture = image::open(place.path("out.png")).expect("a picture").to_rgba8();
+    assert_eq!(picture.get_pixel(0, 0).0, [255, 128, 0, 255]);
+}
+
+#[test]
+fn png_has_16_bits_when_asked_for() {
+    let place = Place::new();
+    place.run(&[&QUICK[..], &["--depth=16"]].concat()).succeeded();
+    let picture = image::open(place.path("out.png")).expect("a picture");
+    assert_eq!((picture.color(), picture.width(), picture.height()), (image::ColorType::Rgba16, 16, 12));
+    // Finer than 8 bits, whose codes are multiples of 257 here.
+    assert!(picture.to_rgba16().as_raw().iter().any(|code| code % 257 != 0));
+}
+
+/// EXR and PNG show the same: linear premultiplied floats are what the PNG encodes.
+#[test]
+fn exr_holds_what_png_encodes() {
+    let place = Place::new();
+    place.run(&[&QUICK[..], &["--depth=16"]].concat()).succeeded();
+    place.run(&[&QUICK[..11], &["--output=out.exr"]].concat()).succeeded();
+    let png = image::open(place.path("out.png")).expect("a picture").to_rgba16();
+    let exr = image::open(place.path("out.exr")).expect("a picture").to_rgba32f();
+    for (coded, linear) in png.pixels().zip(exr.pixels()) {
+        let alpha = linear.0[3];
+        assert_eq!(f32::from(coded.0[3]), (alpha * 65535.0).round());
+        let straight = if alpha > 0.0 { linear.0[0] / alpha } else { 0.0 };
+        let decoded = emboss::picture::linear_from_srgb(f32::from(coded.0[0]) / 65535.0);
+        // Half a code, times the curve's greatest slope of 2.3, and f32 rounding.
+        assert!((decoded - straight.clamp(0.0, 1.0)).abs() < 2e-5, "{decoded} {straight}");
+    }
+}
+
+#[test]
+fn statistics_have_every_number() {
+    let place = Place::new();
+    place.run(&[&QUICK[..], &["--stats=stats.json"]].concat()).succeeded();
+    let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
+    let number = |pointer: &str| stats.pointer(pointer).and_then(Value::as_f64).expect(pointer);
+    assert_eq!(number("/triangles"), 12.0);
+    assert_eq!(number("/micro_triangles"), 192.0);
+    assert_eq!(number("/work/primary_rays"), 16.0 * 12.0 * 2.0);
+    assert_eq!(number("/rays"), number("/work/primary_rays") + number("/work/shadow_rays"));
+    assert_eq!(number("/pixels_hit"), number("/work/hits") / 2.0);
+    assert!(number("/pixels_hit") > 16.0 && number("/pixels_hit") < 16.0 * 12.0);
+    assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
+    assert_eq!(number("/bytes/triangles"), 12.0 * 16.0);
+    assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
+    for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/steps", "/work/triangles"] {
+        assert!(number(positive) > 0.0, "{positive}");
+    }
+    for present in ["vertices", "primitives", "height_texels", "color_texels", "lights"] {
+        number(&format!("/bytes/{present}"));
+    }
+    for present in ["cap_hits", "scans", "boxes", "prisms"] {
+        number(&format!("/work/{present}"));
+    }
+    assert_eq!(stats["backend"], "cpu");
+    assert!(stats["device"].is_string());
+    let settings = &stats["settings"];
+    assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
+    assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"grid-walk".into()));
+}
+
+// What is said.
+
+#[test]
+fn arguments_left_out_are_filled_and_printed() {
+    let place = Place::new().with("triangle.obj", TRIANGLE);
+    let stdout = place.render(&["triangle.obj"]).succeeded().stdout;
+    // 5 % of the diagonal of a box of 1 x 1.
+    let expected = [
+        "model  triangle.obj  (given)",
+        "color  none  (default)",
+        "height none  (default)",
+        "zero   0.5  (default)",
+        "scale  0.07071068  (default)",
+        "N      16  (default)",
+        "Imported 1 triangles",
+    ];
+    assert_eq!(stdout.lines().take(7).collect::<Vec<_>>(), expected);
+    assert!(stdout.lines().nth(7).is_some_and(|line| line.starts_with("Wrote out.png: 16x12")));
+}
+
+#[test]
+fn built_in_scenes_bring_their_relief() {
+    let stdout = Place::new().run(&QUICK).succeeded().stdout;
+    assert!(stdout.contains("height builtin:cube  (built-in)"), "{stdout}");
+    assert!(stdout.contains("N      4  (given)"), "{stdout}");
+}
+
+#[test]
+fn materials_bring_their_maps() {
+    let mut model = format!("mtllib maps.mtl\nusemtl skin\n{TRIANGLE}");
+    model.push('\n');
+    let place = Place::new()
+        .with("model.obj", model)
+        .with("maps.mtl", "newmtl skin\nmap_Kd color.png\ndisp missing.png\n");
+    image::RgbImage::from_pixel(2, 2, image::Rgb([255, 0, 0]))
+        .save(place.path("color.png"))
+        .expect("written");
+    let run = place.render(&["model.obj"]).succeeded();
+    assert!(run.stdout.contains("color.png  (from the materials)"), "{}", run.stdout);
+    assert!(run.stdout.contains("height none  (default)"), "{}", run.stdout);
+    assert!(run.stderr.contains("missing.png: the materials name this map, but it is not there"));
+}
+
+#[test]
+fn quiet_says_nothing() {
+    let run = Place::new().run(&[&QUICK[..], &["--quiet"]].concat()).succeeded();
+    assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
+}
+
+#[test]
+fn devices_lists_the_processor() {
+    let run = Place::new().run(&["devices"]).succeeded();
+    assert!(run.stdout.lines().last().is_some_and(|line| line.starts_with("cpu ")), "{}", run.stdout);
+}
+
+#[test]
+fn without_a_device_auto_renders_on_the_cpu_and_says_so() {
+    let place = Place::new();
+    let mut command = place.command(&QUICK[..9]);
+    let run = Run::of(without_vulkan(&mut command).arg("-oout.png").output().expect("starts")).succeeded();
+    assert!(run.stderr.contains("rendering on the CPU"), "{}", run.stderr);
+    assert!(run.stdout.contains("(cpu)"), "{}", run.stdout);
+}
+
+/// The loader then finds no driver, whatever is installed.
+fn without_vulkan(command: &mut Command) -> &mut Command {
+    command.env("VK_ICD_FILENAMES", "/nonexistent.json").env("VK_DRIVER_FILES", "/nonexistent.json")
+}
+
+/// `--invert` turns the relief upside down, in a file as in a built-in scene.
+#[test]
+fn inverted_maps_are_the_complement() {
+    let place = Place::new().with("triangle.obj", TRIANGLE);
+    let ramp = image::GrayImage::from_fn(8, 8, |x, _| image::Luma([u8::try_from(x * 30).expect("small")]));
+    let complement = image::GrayImage::from_fn(8, 8, |x, y| image::Luma([255 - ramp.get_pixel(x, y).0[0]]));
+    ramp.save(place.path("ramp.png")).expect("written");
+    complement.save(place.path("complement.png")).expect("written");
+    let picture = |arguments: &[&str]| {
+        place.render(&[&["triangle.obj", "none"], arguments, &["--shade=height"]].concat()).succeeded();
+        place.read("out.png")
+    };
+    assert_eq!(picture(&["ramp.png", "--invert"]), picture(&["complement.png"]));
+    assert_ne!(picture(&["ramp.png"]), picture(&["complement.png"]));
+
+    let cube = |more: &[&str]| {
+        place.run(&[&QUICK[..], more].concat()).succeeded();
+        place.read("out.png")
+    };
+    assert_ne!(cube(&["--shade=height"]), cube(&["--shade=height", "--invert"]));
+}
+
+// What is refused: usage.
+
+#[test]
+fn impossible_options_are_usage_errors() {
+    let cases: [(&[&str], &str); 16] = [
+        (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
+        (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
+        (&["-", "-", "-", "nan"], "`nan` is not finite"),
+        (&["-", "-", "-", "-", "inf"], "`inf` is not finite"),
+        (&["--size=0x100"], "at least 1x1"),
+        (&["--size=100"], "WIDTHxHEIGHT"),
+        (&["--size=100000x100000"], "choose a smaller size"),
+        (&["--samples=0"], "try 4"),
+        (&["--light=1,2"], "write X,Y,Z"),
+        (&["--light=1,2,3:1,1,1:-5"], "light is 0 or more"),
+        (&["--eye=1,nan,3"], "`nan` is not finite"),
+        (&["--eye=1,1,1", "--target=1,1,1"], "--eye and --target are the same point"),
+        (&["--fov=180"], "from 0.01 to 179"),
+        (&["--method=magic"], "grid-walk"),
+        (&["--depth=16", "--output=a.exr"], "leave --depth out"),
+        (&["--output=a.jpg"], ".png or .exr"),
+    ];
+    for (arguments, message) in cases {
+        let place = Place::new();
+        place.run(&[&["render"], arguments].concat()).failed(2, &["error: ", message]);
+        assert!(place.files().is_empty());
+    }
+}
+
+#[test]
+fn unknown_built_in_scenes_are_usage_errors() {
+    Place::new().render(&["builtin:teapot"]).failed(2, &["builtin:teapot", "builtin:knot", "builtin:cube"]);
+}
+
+// What is refused: files.
+
+#[test]
+fn missing_and_unreadable_models_are_errors() {
+    let place = Place::new();
+    place.render(&["none.obj"]).failed(1, &["none.obj", "check the path"]);
+    place.render(&["."]).failed(1, &[".: cannot be read", "check the path"]);
+}
+
+#[test]
+fn broken_models_name_file_and_line() {
+    let render = |model: &str| Place::new().with("model.obj", model).render(&["model.obj"]);
+    render("").failed(1, &["model.obj", "no faces", "export"]);
+    render("v 0 0 zero\n").failed(1, &["model.obj:1", "zero", "export"]);
+    render("v 0 0 0\nv 0 nan 0\n").failed(1, &["model.obj:2", "NaN", "repair"]);
+    render(&TRIANGLE.replace("3/3", "9/3")).failed(1, &["model.obj:7", "vertex 9", "3 vertices"]);
+    let bare = "o Bare\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    render(bare).failed(1, &["model.obj:5", "Bare", "texture coordinates", "UVs"]);
+    render(&TRIANGLE.replace("2/2 3/3", "1/1 1/1")).failed(1, &["model.obj", "zero area"]);
+    Place::new().with("model.obj", [0xff; 40]).render(&["model.obj"]).failed(1, &["model.obj:1", "UTF-8"]);
+}
+
+#[test]
+fn triangles_without_area_are_left_out_and_counted() {
+    let place = Place::new().with("model.obj", format!("{TRIANGLE}f 1/1 1/1 2/2\n"));
+    let stdout = place.render(&["model.obj"]).succeeded().stdout;
+    assert!(stdout.contains("Imported 1 triangles, left out 1 of zero area"), "{stdout}");
+    assert!(alphas(&place.path("out.png")).contains(&255));
+}
+
+#[test]
+fn maps_that_are_no_images_are_errors() {
+    let place = Place::new().with("model.obj", TRIANGLE).with("map.png", "no image");
+    place.render(&["model.obj", "map.png"]).failed(1, &["map.png", "image"]);
+    place.render(&["model.obj", "none", "map.png"]).failed(1, &["map.png", "image"]);
+    place.render(&["model.obj", "none", "missing.png"]).failed(1, &["missing.png", "check the path"]);
+}
+
+#[test]
+fn maps_of_one_texel_and_of_16k_are_rendered() {
+    for (width, height) in [(1, 1), (16_384, 16)] {
+        let place = Place::new().with("model.obj", TRIANGLE);
+        let map = image::GrayImage::from_pixel(width, height, image::Luma([128]));
+        map.save(place.path("map.png")).expect("written");
+        let run = place.render(&["model.obj", "map.png", "map.png"]).succeeded();
+        assert!(alphas(&place.path("out.png")).contains(&255));
+        assert!(run.stderr.contains("map.png: has 8 bits"), "{}", run.stderr);
+    }
+}
+
+// What is refused: machines.
+
+#[test]
+fn without_a_device_vulkan_is_an_error() {
+    let place = Place::new();
+    let mut command = place.command(&["render", "--backend=vulkan"]);
+    let run = Run::of(without_vulkan(&mut command).output().expect("starts"));
+    run.failed(1, &["no Vulkan device", "install a Vulkan driver, or use --backend cpu"]);
+}
+
+#[test]
+fn a_device_for_the_cpu_backend_is_a_usage_error() {
+    Place::new()
+        .run(&["render", "--backend=cpu", "--device=0"])
+        .failed(2, &["--device", "leave one of them out"]);
+}
+
+/// Half a tebibyte: more than the machines have that run this. Where the system does not tell its memory the
+/// allocation fails instead, with other words.
+#[test]
+fn pictures_beyond_memory_are_refused() {
+    let run = Place::new().run(&["render", "--backend=cpu", "--size=65535x65535"]);
+    run.failed(1, &["memory"]);
+}
+
+#[test]
+fn a_missing_output_folder_is_found_before_the_model_is_read() {
+    let run = Place::new().run(&["render", "none.obj", "--output=none/out.png"]);
+    run.failed(1, &["none/out.png", "there is no folder none", "create it"]);
+    let run = Place::new().run(&["render", "none.obj", "--stats=none/stats.json"]);
+    run.failed(1, &["none/stats.json", "folder does not exist"]);
+}
+
+#[cfg(unix)]
+mod unix {
+    use super::*;
+    use std::io::{BufRead, BufReader};
+    use std::process::{Child, ChildStderr, Stdio};
+
+    /// A limit on the size of files stands for a disk that fills up: the write fails half-way. (The signal that
+    /// comes with it is ignored, so that the program gets the error.)
+    #[test]
+    fn a_full_disk_keeps_the_old_picture_and_leaves_no_rest() {
+        let place = Place::new().with("out.png", "the old picture");
+        let script = "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"";
+        let run = Run::of(
+            Command::new("sh")
+                .args(["-c", script, env!("CARGO_BIN_EXE_emboss")])
+                .args(QUICK)
+                // Larger than the limit of one block, which is 512 or 1024 bytes.
+                .arg("--depth=16")
+                .current_dir(place.0.path())
+                .output()
+                .expect("sh starts"),
+        );
+        run.failed(1, &["out.png", "could not be written", "make room"]);
+        assert_eq!(place.read("out.png"), b"the old picture");
+        assert_eq!(place.files(), ["out.png"]);
+    }
+
+    /// Starts a rendering that takes minutes, and waits until its first sample has begun.
+    fn started(place: &Place, samples: &str, subdivisions: &str) -> (Child, BufReader<ChildStderr>) {
+        let arguments = [
+            "render",
+            "builtin:cube",
+            "-",
+            "-",
+            "-",
+            "-",
+            subdivisions,
+            "--method=brute-force",
+            "--size=64x64",
+            samples,
+            "--backend=cpu",
+            "--output=out.png",
+            "--verbose",
+        ];
+        let mut child = place
+            .command(&arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
+        wait_for(&mut stderr, "rendering on ");
+        (child, stderr)
+    }
+
+    fn wait_for(stderr: &mut BufReader<ChildStderr>, message: &str) {
+        let mut line = String::new();
+        while !line.contains(message) {
+            line.clear();
+            assert_ne!(stderr.read_line(&mut line).expect("text"), 0, "ended before `{message}`");
+        }
+    }
+
+    fn interrupt(child: &Child) {
+        let status =
+            Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill starts");
+        assert!(status.success());
+    }
+
+    #[test]
+    fn ctrl_c_keeps_the_picture_so_far() {
+        let place = Place::new();
+        let (mut child, mut stderr) = started(&place, "--samples=4000000", "4");
+        interrupt(&child);
+        wait_for(&mut stderr, "interrupted; the picture so far was written to out.png");
+        assert_eq!(child.wait().expect("ended").code(), Some(130));
+        assert_eq!(alphas(&place.path("out.png")).len(), 64 * 64);
+        assert_eq!(place.files(), ["out.png"]);
+    }
+
+    /// Tiles of 16 million micro-triangles a ray take minutes: only the second Ctrl-C ends them.
+    #[test]
+    fn a_second_ctrl_c_ends_at_once() {
+        let place = Place::new();
+        let (mut child, mut stderr) = started(&place, "--samples=1", "4096");
+        interrupt(&child);
+        wait_for(&mut stderr, "press Ctrl-C again to end at once");
+        assert!(child.try_wait().expect("a child").is_none(), "ended at the first Ctrl-C");
+        interrupt(&child);
+        assert_eq!(child.wait().expect("ended").code(), Some(130));
+        assert!(place.files().is_empty());
+    }
+}
