@@ -65,7 +65,7 @@ impl Step {
                 passes(cargo().args(clippy))
             }
             Self::Docs => {
-                let docs = ["doc", "--workspace", "--no-deps", "--document-private-items"];
+                let docs = ["doc", "--workspace", "--no-deps"];
                 passes(cargo().args(docs).env("RUSTDOCFLAGS", "-D warnings"))
             }
             Self::Unit => unit_tests(),
