@@ -3,7 +3,7 @@
 use crate::debian::{has_apt, is_root};
 use crate::process::{cargo, run as run_command, run_listening, say};
 use crate::{spirv, toolchain};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::process::Command;
