@@ -270,20 +270,12 @@ mod tests {
     }
 
     fn small() -> Settings {
-        Settings {
-            width: 24,
-            height: 16,
-            counting: true,
-            ..Settings::default()
-        }
+        Settings { width: 24, height: 16, counting: true, ..Settings::default() }
     }
 
     fn rendered(settings: &Settings, samples: u32) -> Rendering {
         let job = prepare(quilt(), settings).expect("framed");
-        render(&mut CpuBackend::new(), &job, samples, &mut |_| {
-            ControlFlow::Continue(())
-        })
-        .expect("fits")
+        render(&mut CpuBackend::new(), &job, samples, &mut |_| ControlFlow::Continue(())).expect("fits")
     }
 
     /// Heights as the kernels compute them, at both ends of the range and between, lie in the stated range.
@@ -304,14 +296,7 @@ mod tests {
 
     #[test]
     fn without_displacement_boxes_are_flat() {
-        let flat = prepare(
-            quilt(),
-            &Settings {
-                method: Method::None,
-                ..small()
-            },
-        )
-        .expect("framed");
+        let flat = prepare(quilt(), &Settings { method: Method::None, ..small() }).expect("framed");
         let displaced = prepare(quilt(), &small()).expect("framed");
         let volume = |job: &Job| (job.buffers.nodes[0].max - job.buffers.nodes[0].min).element_product();
         assert!(volume(&flat) < 0.01 * volume(&displaced));
@@ -340,11 +325,7 @@ mod tests {
         let mut shares = Vec::new();
         let rendering = render(&mut CpuBackend::new(), &job, 4, &mut |share| {
             shares.push(share);
-            if share < 0.5 {
-                ControlFlow::Continue(())
-            } else {
-                ControlFlow::Break(())
-            }
+            if share < 0.5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
         .expect("fits");
         assert_eq!(shares, [0.25, 0.5]);
@@ -356,18 +337,8 @@ mod tests {
     fn lights_are_the_users_or_the_key_light() {
         let job = prepare(quilt(), &small()).expect("framed");
         assert_eq!(job.frame.light_count, 1);
-        let light = Light {
-            position: Vec3::splat(9.0),
-            color: Vec3::X,
-            intensity: None,
-        };
-        let lights = vec![
-            light,
-            Light {
-                intensity: Some(2.0),
-                ..light
-            },
-        ];
+        let light = Light { position: Vec3::splat(9.0), color: Vec3::X, intensity: None };
+        let lights = vec![light, Light { intensity: Some(2.0), ..light }];
         let job = prepare(quilt(), &Settings { lights, ..small() }).expect("framed");
         assert_eq!(job.frame.light_count, 2);
         assert!(job.buffers.lights[0].intensity > 2.0);
@@ -376,23 +347,13 @@ mod tests {
 
     #[test]
     fn a_background_fills_what_is_not_hit() {
-        let red = rendered(
-            &Settings {
-                background: Some(Vec3::X),
-                ..small()
-            },
-            1,
-        );
+        let red = rendered(&Settings { background: Some(Vec3::X), ..small() }, 1);
         assert_eq!(red.picture.pixels[0], Vec4::new(1.0, 0.0, 0.0, 1.0));
     }
 
     #[test]
     fn pictures_beyond_memory_are_refused_at_once() {
-        let huge = Settings {
-            width: u32::MAX,
-            height: u32::MAX,
-            ..small()
-        };
+        let huge = Settings { width: u32::MAX, height: u32::MAX, ..small() };
         let error = check_memory(&huge);
         // Systems that do not tell their memory leave it to the allocation.
         assert!(available_memory().is_none() || matches!(error, Err(RenderError::Memory { .. })));
