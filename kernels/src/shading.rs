@@ -308,7 +308,7 @@ mod tests {
         for direction in [surface.ng, -surface.ng] {
             let moved = (surface.spawn_origin(direction) - surface.point).as_dvec3();
             let along = moved.dot(direction.as_dvec3());
-            assert!(along > f64::from(0.6 * 1e-5 + 0.8 * 1e-6), "{along}");
+            assert!(along > 0.6 * 1e-5 + 0.8 * 1e-6, "{along}");
         }
     }
 

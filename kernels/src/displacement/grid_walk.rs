@@ -856,7 +856,9 @@ mod tests {
         TraversalRay::new(origin, (target - origin).normalize(), f32::INFINITY)
     }
 
-    fn compare(seed: u32, count: u32, spread: f32, relief: f32) {
+    /// Walks and brute force on `count` prisms with 20 rays each, a fifth aimed at micro-vertices and micro-edges, a
+    /// tenth exactly along a normal: those are scanned. `most_scans`: share of prisms that may be.
+    fn compare(seed: u32, count: u32, spread: f32, relief: f32, most_scans: f64) {
         let mut numbers = Numbers::new(seed);
         let (mut hits, mut differ, mut total) = (0u64, 0u64, Counts::default());
         let mut first = String::new();
@@ -878,31 +880,29 @@ mod tests {
                 }
             }
         }
-        println!(
-            "{} rays, {hits} hits, {} scans, {} cap hits, {differ} differ",
-            total.prisms, total.scans, total.cap_hits
-        );
         assert!(hits > u64::from(count), "the rays are no test: {hits} hits");
         assert_eq!(differ, 0, "first: {first}");
+        // A walk that always gave up would be exact too.
+        assert!(f64::from(total.scans) < most_scans * f64::from(total.prisms), "{total:?}");
     }
 
     #[test]
     fn parallel_normals() {
-        compare(1, 20_000, 0.0, 0.3);
+        compare(1, 20_000, 0.0, 0.3, 0.25);
     }
 
     #[test]
     fn leaning_normals() {
-        compare(2, 20_000, 0.3, 0.3);
+        compare(2, 20_000, 0.3, 0.3, 0.3);
     }
 
     #[test]
     fn gently_leaning_normals() {
-        compare(3, 20_000, 0.05, 0.1);
+        compare(3, 20_000, 0.05, 0.1, 0.25);
     }
 
     #[test]
     fn wild_normals() {
-        compare(4, 10_000, 1.5, 1.0);
+        compare(4, 10_000, 1.5, 1.0, 1.0);
     }
 }
