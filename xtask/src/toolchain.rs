@@ -96,7 +96,7 @@ fn code_generator_file() -> String {
 fn from_rustup() -> Result<Toolchain> {
     let install = ["toolchain", "install", NIGHTLY, "--profile", "minimal", "--no-self-update"];
     run(Command::new("rustup").args(install).args(["--component", COMPONENTS]))?;
-    say(&format!("building rustc_codegen_spirv {RUST_GPU}, a few minutes"));
+    say(&format!("building rustc_codegen_spirv {RUST_GPU}, about 10 minutes on 2 cores"));
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let library = build_code_generator(work.path())?;
     let place = sysroot(NIGHTLY)?.join("lib").join(code_generator_file());
