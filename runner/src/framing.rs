@@ -4,16 +4,12 @@ use crate::bvh::HostAabb;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight};
 use glam::{DVec3, Vec3};
-use std::f32::consts::PI;
 
 /// The share of the film that the framed model fills along its longer side.
 const FILLED: f64 = 0.92;
 
 /// The box of an empty model.
-const NOTHING: Aabb = Aabb {
-    min: Vec3::ZERO,
-    max: Vec3::ZERO,
-};
+const NOTHING: Aabb = Aabb { min: Vec3::ZERO, max: Vec3::ZERO };
 
 /// What the user asked of the view; the rest is chosen so that the whole model is in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,68 +89,42 @@ pub fn frame(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, Framin
     let forward = match (view.eye, view.target) {
         (Some(eye), target) => {
             let target = target.map_or(center, |target| target.as_dvec3());
-            (target - eye.as_dvec3())
-                .try_normalize()
-                .ok_or(FramingError::EyeAtTarget(eye))?
+            (target - eye.as_dvec3()).try_normalize().ok_or(FramingError::EyeAtTarget(eye))?
         }
         (None, _) => -view.from.as_dvec3().normalize_or(DVec3::Z),
     };
     let (right, up) = screen_axes(forward, view)?;
     let half_height = (f64::from(view.fov).to_radians() * 0.5).tan();
-    let axes = Axes {
-        right,
-        up,
-        forward,
-        half_width: half_height * aspect,
-        half_height,
-    };
+    let axes = Axes { right, up, forward, half_width: half_height * aspect, half_height };
     let eye = match (view.eye, view.target) {
         (Some(eye), _) => eye.as_dvec3(),
         (None, None) => center + axes.fit(boxes, center),
         // The distance of the fit, but with the target in the middle.
         (None, Some(target)) => target.as_dvec3() + forward * axes.fit(boxes, center).dot(forward),
     };
-    let target = view
-        .target
-        .map_or(eye + forward * (center - eye).dot(forward), |target| {
-            target.as_dvec3()
-        });
+    let target = view.target.map_or(eye + forward * (center - eye).dot(forward), |target| target.as_dvec3());
     let camera = axes.camera(eye);
-    let finite = [
-        camera.eye,
-        camera.right,
-        camera.up,
-        camera.forward,
-        target.as_vec3(),
-    ];
+    let finite = [camera.eye, camera.right, camera.up, camera.forward, target.as_vec3()];
     if finite.iter().all(|v| v.is_finite()) {
-        Ok(Framing {
-            camera,
-            target: target.as_vec3(),
-        })
+        Ok(Framing { camera, target: target.as_vec3() })
     } else {
         Err(FramingError::TooLarge { min, max })
     }
 }
 
 /// The light of a scene that names none: white, over the viewer's left shoulder, at one and a half times the
-/// viewer's distance from the target. Its intensity is such that a surface at the target that faces it has the
-/// irradiance pi: a white Lambertian surface there looks white.
+/// viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1: a white
+/// one looks white.
 pub fn key_light(framing: &Framing) -> PointLight {
     let Framing { camera, target } = framing;
     let shoulder = 0.6 * camera.up.normalize() - 0.7 * camera.right.normalize() - camera.forward;
     let position = *target + shoulder.normalize() * (1.5 * camera.eye.distance(*target));
-    PointLight {
-        position,
-        color: Vec3::ONE,
-        intensity: intensity_for(position, *target),
-        padding: 0,
-    }
+    PointLight { position, color: Vec3::ONE, intensity: intensity_for(position, *target), padding: 0 }
 }
 
-/// The intensity with which a light at `position` gives the irradiance pi at `target`.
+/// The intensity with which a light at `position` gives full light, the irradiance 1, at `target`.
 pub fn intensity_for(position: Vec3, target: Vec3) -> f32 {
-    PI * position.distance_squared(target)
+    position.distance_squared(target)
 }
 
 /// The picture's axes and its half sizes at distance 1.
@@ -181,10 +151,7 @@ impl Axes {
             let p = corner.as_dvec3() - center;
             let (x, y, z) = (p.dot(self.right), p.dot(self.up), p.dot(self.forward));
             let needed = [x - tx * z, -x - tx * z, y - ty * z, -y - ty * z];
-            edges
-                .iter_mut()
-                .zip(needed)
-                .for_each(|(edge, needed)| *edge = edge.max(needed));
+            edges.iter_mut().zip(needed).for_each(|(edge, needed)| *edge = edge.max(needed));
         }
         let [r, l, u, d] = if boxes.is_empty() { [1.0; 4] } else { edges };
         let depth = (-(r + l) / (2.0 * tx)).min(-(u + d) / (2.0 * ty));
@@ -214,10 +181,7 @@ fn screen_axes(forward: DVec3, view: &View) -> Result<(DVec3, DVec3), FramingErr
     };
     let right = match view.up {
         Some(up) => right(up).ok_or(FramingError::UpAlongView(up))?,
-        None => [view.usual_up, Vec3::NEG_Z, Vec3::Y]
-            .into_iter()
-            .find_map(right)
-            .unwrap_or(DVec3::X),
+        None => [view.usual_up, Vec3::NEG_Z, Vec3::Y].into_iter().find_map(right).unwrap_or(DVec3::X),
     };
     Ok((right, right.cross(forward)))
 }
@@ -227,10 +191,7 @@ mod tests {
     use super::*;
 
     fn cube() -> [Aabb; 1] {
-        [Aabb {
-            min: Vec3::new(1.0, 2.0, 3.0),
-            max: Vec3::new(2.0, 4.0, 6.0),
-        }]
+        [Aabb { min: Vec3::new(1.0, 2.0, 3.0), max: Vec3::new(2.0, 4.0, 6.0) }]
     }
 
     /// Film coordinates in [-1,1] of a point; behind the camera they are NaN.
@@ -239,30 +200,16 @@ mod tests {
         let z = p.dot(camera.forward);
         assert!(z > 0.0, "{point} is behind the camera");
         let (x, y) = (p.dot(camera.right), p.dot(camera.up));
-        (
-            x / camera.right.length_squared() / z,
-            y / camera.up.length_squared() / z,
-        )
+        (x / camera.right.length_squared() / z, y / camera.up.length_squared() / z)
     }
 
     /// All points are in the picture, and two opposite edges are touched: nearer it could not be. The f32 camera
     /// is good to about 1e-6 at these sizes.
     #[test]
     fn the_model_fills_the_picture() {
-        for (aspect, from) in [
-            (1.0, View::THREE_QUARTER),
-            (2.0, Vec3::X),
-            (0.3, Vec3::new(-1.0, -2.0, 0.5)),
-        ] {
-            let framing = frame(
-                &View {
-                    from,
-                    ..View::default()
-                },
-                &cube(),
-                aspect,
-            )
-            .expect("framed");
+        for (aspect, from) in [(1.0, View::THREE_QUARTER), (2.0, Vec3::X), (0.3, Vec3::new(-1.0, -2.0, 0.5))]
+        {
+            let framing = frame(&View { from, ..View::default() }, &cube(), aspect).expect("framed");
             let film = cube()[0].corners().map(|p| projected(&framing.camera, p));
             let max = |f: fn(&(f32, f32)) -> f32| film.iter().map(f).fold(f32::MIN, f32::max);
             let reach = [max(|p| p.0), max(|p| -p.0), max(|p| p.1), max(|p| -p.1)];
@@ -270,19 +217,13 @@ mod tests {
             let filled = FILLED as f32;
             assert!(reach.iter().all(|&r| r <= filled + 1e-5), "{reach:?}");
             let touched = |a: f32, b: f32| (a - filled).abs() < 1e-5 && (b - filled).abs() < 1e-5;
-            assert!(
-                touched(reach[0], reach[1]) || touched(reach[2], reach[3]),
-                "{reach:?}"
-            );
+            assert!(touched(reach[0], reach[1]) || touched(reach[2], reach[3]), "{reach:?}");
         }
     }
 
     #[test]
     fn the_camera_is_orthogonal_and_has_the_field_of_view() {
-        let view = View {
-            fov: 90.0,
-            ..View::default()
-        };
+        let view = View { fov: 90.0, ..View::default() };
         let camera = frame(&view, &cube(), 1.5).expect("framed").camera;
         assert!((camera.up.length() - 1.0).abs() < 1e-6 && (camera.right.length() - 1.5).abs() < 1e-6);
         assert!(camera.up.dot(camera.right).abs() < 1e-6 && camera.up.dot(camera.forward).abs() < 1e-6);
@@ -293,11 +234,7 @@ mod tests {
     #[test]
     fn what_the_user_chooses_is_kept() {
         let (eye, target) = (Vec3::new(0.0, 0.0, 10.0), Vec3::new(0.0, 0.0, 1.0));
-        let view = View {
-            eye: Some(eye),
-            target: Some(target),
-            ..View::default()
-        };
+        let view = View { eye: Some(eye), target: Some(target), ..View::default() };
         let framing = frame(&view, &cube(), 1.0).expect("framed");
         assert_eq!((framing.camera.eye, framing.target), (eye, target));
         assert_eq!(framing.camera.forward, Vec3::NEG_Z);
@@ -306,10 +243,7 @@ mod tests {
     #[test]
     fn a_target_alone_is_in_the_middle() {
         let target = Vec3::new(1.0, 2.0, 3.0);
-        let view = View {
-            target: Some(target),
-            ..View::default()
-        };
+        let view = View { target: Some(target), ..View::default() };
         let framing = frame(&view, &cube(), 1.0).expect("framed");
         let (x, y) = projected(&framing.camera, target);
         assert!(x.abs() < 1e-5 && y.abs() < 1e-5);
@@ -317,53 +251,24 @@ mod tests {
 
     #[test]
     fn looking_straight_down_has_an_up() {
-        let view = View {
-            from: Vec3::Y,
-            ..View::default()
-        };
+        let view = View { from: Vec3::Y, ..View::default() };
         let camera = frame(&view, &cube(), 1.0).expect("framed").camera;
-        assert!(
-            camera.up.normalize().distance(Vec3::NEG_Z) < 1e-6,
-            "{}",
-            camera.up
-        );
-        let view = View {
-            up: Some(Vec3::Y),
-            ..view
-        };
-        assert_eq!(
-            frame(&view, &cube(), 1.0),
-            Err(FramingError::UpAlongView(Vec3::Y))
-        );
+        assert!(camera.up.normalize().distance(Vec3::NEG_Z) < 1e-6, "{}", camera.up);
+        let view = View { up: Some(Vec3::Y), ..view };
+        assert_eq!(frame(&view, &cube(), 1.0), Err(FramingError::UpAlongView(Vec3::Y)));
     }
 
     #[test]
     fn impossible_views_are_errors() {
-        let view = View {
-            eye: Some(Vec3::ONE),
-            target: Some(Vec3::ONE),
-            ..View::default()
-        };
-        assert_eq!(
-            frame(&view, &cube(), 1.0),
-            Err(FramingError::EyeAtTarget(Vec3::ONE))
-        );
-        let huge = [Aabb {
-            min: Vec3::splat(-f32::MAX),
-            max: Vec3::splat(f32::MAX),
-        }];
-        assert!(matches!(
-            frame(&View::default(), &huge, 1.0),
-            Err(FramingError::TooLarge { .. })
-        ));
+        let view = View { eye: Some(Vec3::ONE), target: Some(Vec3::ONE), ..View::default() };
+        assert_eq!(frame(&view, &cube(), 1.0), Err(FramingError::EyeAtTarget(Vec3::ONE)));
+        let huge = [Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) }];
+        assert!(matches!(frame(&View::default(), &huge, 1.0), Err(FramingError::TooLarge { .. })));
     }
 
     #[test]
     fn nothing_and_a_single_point_are_looked_at() {
-        let point = [Aabb {
-            min: Vec3::ONE,
-            max: Vec3::ONE,
-        }];
+        let point = [Aabb { min: Vec3::ONE, max: Vec3::ONE }];
         for boxes in [&[][..], &point] {
             let framing = frame(&View::default(), boxes, 1.0).expect("framed");
             assert!(framing.camera.eye.distance(framing.target) > 0.1);
@@ -371,11 +276,11 @@ mod tests {
     }
 
     #[test]
-    fn the_key_light_gives_the_irradiance_pi() {
+    fn the_key_light_gives_full_light() {
         let framing = frame(&View::default(), &cube(), 1.0).expect("framed");
         let light = key_light(&framing);
         let irradiance = light.intensity / light.position.distance_squared(framing.target);
-        assert!((irradiance - PI).abs() < 1e-5);
+        assert!((irradiance - 1.0).abs() < 1e-6);
         // Over the left shoulder: behind, above and left of the viewer.
         let from_eye = light.position - framing.camera.eye;
         assert!(from_eye.dot(framing.camera.right) < 0.0 && from_eye.dot(framing.camera.up) > 0.0);

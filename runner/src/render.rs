@@ -108,9 +108,7 @@ pub fn check_memory(settings: &Settings) -> Result<(), RenderError> {
 /// Bytes of memory that can be had without swapping, where the system tells it in a file.
 fn available_memory() -> Option<u64> {
     let meminfo = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = meminfo
-        .lines()
-        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kib.checked_mul(1024)
 }
@@ -137,12 +135,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         color_texels: scene.color_map.map_or_else(Vec::new, |map| map.texels),
         lights,
     };
-    Ok(Job {
-        buffers,
-        frame,
-        features,
-        bvh_build,
-    })
+    Ok(Job { buffers, frame, features, bvh_build })
 }
 
 /// Takes `samples` samples of every pixel. Calls `progress` with the share done (0 to 1) between tiles; `Break`
@@ -164,17 +157,8 @@ pub fn render(
         }
     }
     let elapsed = start.elapsed();
-    let picture = Picture {
-        width: job.frame.width,
-        height: job.frame.height,
-        pixels: backend.resolve()?,
-    };
-    Ok(Rendering {
-        picture,
-        totals: backend.totals()?,
-        elapsed,
-        interrupted: flow.is_break(),
-    })
+    let picture = Picture { width: job.frame.width, height: job.frame.height, pixels: backend.resolve()? };
+    Ok(Rendering { picture, totals: backend.totals()?, elapsed, interrupted: flow.is_break() })
 }
 
 /// The relief as the kernels read it; flat where the method does not displace.
@@ -197,32 +181,18 @@ fn displacement(scene: &Scene, method: Method) -> Displacement {
 /// conversion and its bilinear weights leave it within 6 roundings of the larger texels, the difference and the
 /// product add two. Eight times the machine epsilon is twice that.
 fn height_range(range: (f32, f32), scale: f32, zero: f32) -> (f32, f32) {
-    let (low, high, scale, zero) = (
-        f64::from(range.0),
-        f64::from(range.1),
-        f64::from(scale),
-        f64::from(zero),
-    );
+    let (low, high, scale, zero) =
+        (f64::from(range.0), f64::from(range.1), f64::from(scale), f64::from(zero));
     let slack = 8.0 * f64::from(f32::EPSILON) * scale.abs() * (low.abs().max(high.abs()) + zero.abs());
     let (a, b) = (scale * (low - zero), scale * (high - zero));
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "rounded outwards in the same expression"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "rounded outwards in the same expression")]
     let rounded = ((a.min(b) - slack) as f32, (a.max(b) + slack) as f32);
-    if scale == 0.0 {
-        (0.0, 0.0)
-    } else {
-        (rounded.0.next_down(), rounded.1.next_up())
-    }
+    if scale == 0.0 { (0.0, 0.0) } else { (rounded.0.next_down(), rounded.1.next_up()) }
 }
 
 /// The box of each displaced triangle.
 fn prism_boxes(mesh: &Mesh, displacement: &Displacement) -> Vec<Aabb> {
-    mesh.triangles
-        .par_iter()
-        .map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement))
-        .collect()
+    mesh.triangles.par_iter().map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement)).collect()
 }
 
 /// The lights as the kernels read them.
@@ -233,9 +203,7 @@ fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
     let point_light = |light: &Light| PointLight {
         position: light.position,
         color: light.color,
-        intensity: light
-            .intensity
-            .unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
+        intensity: light.intensity.unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
         padding: 0,
     };
     lights.iter().map(point_light).collect()
@@ -249,10 +217,7 @@ fn frame(
     lights: &[PointLight],
 ) -> Frame {
     let count = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
-    let (color_width, color_height) = scene
-        .color_map
-        .as_ref()
-        .map_or((1, 1), |map| (map.width, map.height));
+    let (color_width, color_height) = scene.color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
     Frame {
         camera: framing.camera,
         displacement,
@@ -278,10 +243,7 @@ fn features(scene: &Scene, settings: &Settings) -> Features {
         shade: settings.shade.id(),
         shadows: u32::from(settings.shadows),
         height_format: scene.height_map.format,
-        color_format: scene
-            .color_map
-            .as_ref()
-            .map_or(color_format::NONE, |map| map.format),
+        color_format: scene.color_map.as_ref().map_or(color_format::NONE, |map| map.format),
         height_wrap: settings.wrap.id(),
         color_wrap: settings.wrap.id(),
         counters: u32::from(settings.counting),
@@ -294,6 +256,8 @@ mod tests {
     use crate::backend::cpu::CpuBackend;
     use crate::scene::builtin;
     use emboss_kernels::interface::counter;
+    use emboss_kernels::sampler::{pcg4d, unit_float};
+    use glam::UVec4;
 
     fn quilt() -> Scene {
         let builtin = builtin::load("builtin:quilt").expect("built in");
@@ -308,48 +272,35 @@ mod tests {
     }
 
     fn small() -> Settings {
-        Settings {
-            width: 24,
-            height: 16,
-            counting: true,
-            ..Settings::default()
-        }
+        Settings { width: 24, height: 16, counting: true, ..Settings::default() }
     }
 
     fn rendered(settings: &Settings, samples: u32) -> Rendering {
         let job = prepare(quilt(), settings).expect("framed");
-        render(&mut CpuBackend::new(), &job, samples, &mut |_| {
-            ControlFlow::Continue(())
-        })
-        .expect("fits")
+        render(&mut CpuBackend::new(), &job, samples, &mut |_| ControlFlow::Continue(())).expect("fits")
     }
 
-    /// Heights as the kernels compute them, at both ends of the range and between, lie in the stated range.
+    /// Heights in the kernels' arithmetic, for random reliefs, lie in the stated range.
     #[test]
     fn heights_lie_in_their_range() {
-        for (zero, scale) in [(0.5, 0.3), (0.1, -7.7), (-3.0, 1e-3), (1.0 / 3.0, 123.456)] {
+        for i in 0..10_000 {
+            let bits = pcg4d(UVec4::new(i, 0, 0, 0));
+            let (zero, scale) = (4.0 * unit_float(bits.x) - 2.0, 200.0 * unit_float(bits.y) - 100.0);
             let (low, high) = height_range((0.0, 1.0), scale, zero);
-            for i in 0..=255 {
-                let height = scale * (i as f32 * (1.0 / 255.0) - zero);
+            for texel in [0.0, unit_float(bits.z), 1.0] {
+                let height = scale * (texel - zero);
                 assert!(low <= height && height <= high, "{low} {height} {high}");
             }
-            // Not wider than by the slack, eight epsilons of the largest term.
-            let width = scale.abs() * (1.0 + zero.abs());
-            assert!((high - low) - scale.abs() <= 20.0 * f32::EPSILON * width);
+            // Not wider than by twice the slack, eight epsilons of the largest term, and the rounding outwards.
+            let largest = scale.abs() * (1.0 + zero.abs());
+            assert!((high - low) - scale.abs() <= 20.0 * f32::EPSILON * largest);
         }
         assert_eq!(height_range((0.0, 1.0), 0.0, 0.5), (0.0, 0.0));
     }
 
     #[test]
     fn without_displacement_boxes_are_flat() {
-        let flat = prepare(
-            quilt(),
-            &Settings {
-                method: Method::None,
-                ..small()
-            },
-        )
-        .expect("framed");
+        let flat = prepare(quilt(), &Settings { method: Method::None, ..small() }).expect("framed");
         let displaced = prepare(quilt(), &small()).expect("framed");
         let volume = |job: &Job| (job.buffers.nodes[0].max - job.buffers.nodes[0].min).element_product();
         assert!(volume(&flat) < 0.01 * volume(&displaced));
@@ -378,11 +329,7 @@ mod tests {
         let mut shares = Vec::new();
         let rendering = render(&mut CpuBackend::new(), &job, 4, &mut |share| {
             shares.push(share);
-            if share < 0.5 {
-                ControlFlow::Continue(())
-            } else {
-                ControlFlow::Break(())
-            }
+            if share < 0.5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
         .expect("fits");
         assert_eq!(shares, [0.25, 0.5]);
@@ -394,18 +341,8 @@ mod tests {
     fn lights_are_the_users_or_the_key_light() {
         let job = prepare(quilt(), &small()).expect("framed");
         assert_eq!(job.frame.light_count, 1);
-        let light = Light {
-            position: Vec3::splat(9.0),
-            color: Vec3::X,
-            intensity: None,
-        };
-        let lights = vec![
-            light,
-            Light {
-                intensity: Some(2.0),
-                ..light
-            },
-        ];
+        let light = Light { position: Vec3::splat(9.0), color: Vec3::X, intensity: None };
+        let lights = vec![light, Light { intensity: Some(2.0), ..light }];
         let job = prepare(quilt(), &Settings { lights, ..small() }).expect("framed");
         assert_eq!(job.frame.light_count, 2);
         assert!(job.buffers.lights[0].intensity > 2.0);
@@ -414,23 +351,13 @@ mod tests {
 
     #[test]
     fn a_background_fills_what_is_not_hit() {
-        let red = rendered(
-            &Settings {
-                background: Some(Vec3::X),
-                ..small()
-            },
-            1,
-        );
+        let red = rendered(&Settings { background: Some(Vec3::X), ..small() }, 1);
         assert_eq!(red.picture.pixels[0], Vec4::new(1.0, 0.0, 0.0, 1.0));
     }
 
     #[test]
     fn pictures_beyond_memory_are_refused_at_once() {
-        let huge = Settings {
-            width: u32::MAX,
-            height: u32::MAX,
-            ..small()
-        };
+        let huge = Settings { width: u32::MAX, height: u32::MAX, ..small() };
         let error = check_memory(&huge);
         // Systems that do not tell their memory leave it to the allocation.
         assert!(available_memory().is_none() || matches!(error, Err(RenderError::Memory { .. })));

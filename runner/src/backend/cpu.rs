@@ -87,11 +87,7 @@ impl Backend for CpuBackend {
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, BackendError> {
         let scene = view(&self.scene, &self.frame);
-        let pass = Pass {
-            scene,
-            features: self.features,
-            sample,
-        };
+        let pass = Pass { scene, features: self.features, sample };
         let counted = self.features.counters != 0;
         // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
         let (flow, totals) = match self.features.method {
@@ -106,10 +102,7 @@ impl Backend for CpuBackend {
     fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
         let mut picture = reserved("the picture", self.film.len())?;
         let frame = &self.frame;
-        self.film
-            .par_iter()
-            .map(|pixel| pixel.resolve(frame))
-            .collect_into_vec(&mut picture);
+        self.film.par_iter().map(|pixel| pixel.resolve(frame)).collect_into_vec(&mut picture);
         Ok(picture)
     }
 
@@ -127,8 +120,7 @@ impl Backend for CpuBackend {
             })
             .collect_into_vec(&mut hits);
         let mut totals = Totals::default();
-        hits.iter()
-            .for_each(|(_, counts)| add_counts(&mut totals, *counts));
+        hits.iter().for_each(|(_, counts)| add_counts(&mut totals, *counts));
         add_totals(&mut self.totals, &totals, features.counters != 0);
         Ok(hits.into_iter().map(|(hit, _)| hit).collect())
     }
@@ -187,10 +179,7 @@ impl Pass<'_> {
 
     /// Adds the sample to the pixels from number `first` on; returns the work it took.
     fn tile<const METHOD: u32>(self, first: usize, pixels: &mut [FilmPixel]) -> Totals {
-        let features = Features {
-            method: METHOD,
-            ..self.features
-        };
+        let features = Features { method: METHOD, ..self.features };
         let width = self.scene.frame.width as usize;
         let mut totals = Totals::default();
         for (i, pixel) in (first..).zip(pixels) {
@@ -233,10 +222,7 @@ fn add_counts(totals: &mut Totals, counts: Counts) {
 
 /// Adds a tile's totals.
 fn add(totals: &mut Totals, more: &Totals) {
-    totals
-        .iter_mut()
-        .zip(more)
-        .for_each(|(total, count)| *total += count);
+    totals.iter_mut().zip(more).for_each(|(total, count)| *total += count);
 }
 
 /// Adds a pass's totals as the Vulkan entry points do: cap hits always, the rest where counting is asked for.
@@ -249,10 +235,7 @@ fn add_totals(totals: &mut Totals, more: &Totals, counted: bool) {
 }
 
 /// A film coordinate; a frame's width and height are `u32`.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "a coordinate is below the frame's width or height"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "a coordinate is below the frame's width or height")]
 fn word(coordinate: usize) -> u32 {
     coordinate as u32
 }
@@ -288,19 +271,20 @@ fn copied<T: Copy>(name: &'static str, items: &[T]) -> Result<Vec<T>, BackendErr
 /// An empty vector with room for `len` items, or an error that names what it was for.
 fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
     let mut items = Vec::new();
-    items
-        .try_reserve_exact(len)
-        .map_err(|error| BackendError::Allocation {
-            name,
-            bytes: (len as u64).saturating_mul(size_of::<T>() as u64),
-            reason: error.to_string(),
-        })?;
+    items.try_reserve_exact(len).map_err(|error| BackendError::Allocation {
+        name,
+        bytes: (len as u64).saturating_mul(size_of::<T>() as u64),
+        reason: error.to_string(),
+    })?;
     Ok(items)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::{Job, Scene, prepare};
+    use crate::scene::builtin;
+    use crate::settings::{Method, Settings};
 
     const GOING_ON: ControlFlow<()> = ControlFlow::Continue(());
 
@@ -311,26 +295,14 @@ mod tests {
             forward: glam::Vec3::NEG_Z,
             ..Default::default()
         };
-        let frame = Frame {
-            camera,
-            width,
-            height,
-            seed: 7,
-            ..Frame::default()
-        };
+        let frame = Frame { camera, width, height, seed: 7, ..Frame::default() };
         let mut backend = CpuBackend::new();
-        backend
-            .load(&SceneBuffers::default(), &frame, features)
-            .expect("fits");
+        backend.load(&SceneBuffers::default(), &frame, features).expect("fits");
         backend
     }
 
     fn counting() -> Features {
-        Features {
-            counters: 1,
-            method: method::NONE,
-            ..Features::default()
-        }
+        Features { counters: 1, method: method::NONE, ..Features::default() }
     }
 
     #[test]
@@ -338,27 +310,44 @@ mod tests {
         // Wider than a tile, and no multiple of one.
         let mut backend = loaded(1500, 3, counting());
         for sample in 0..4 {
-            assert_eq!(
-                backend.add_sample(sample, &mut |_| GOING_ON).expect("runs"),
-                GOING_ON
-            );
+            assert_eq!(backend.add_sample(sample, &mut |_| GOING_ON).expect("runs"), GOING_ON);
         }
         assert!(backend.film.iter().all(|pixel| pixel.samples == 4));
         let totals = backend.totals().expect("counted");
         assert_eq!(totals[counter::PRIMARY_RAYS as usize], 1500 * 3 * 4);
     }
 
+    /// The relief of a built-in scene, framed, brute force.
+    fn cube(subdivisions: u32, width: u32, height: u32) -> Job {
+        let cube = builtin::load("builtin:cube").expect("built in");
+        let scene = Scene {
+            mesh: cube.mesh,
+            height_map: cube.height,
+            color_map: cube.color,
+            zero: cube.zero,
+            scale: cube.scale,
+            subdivisions,
+        };
+        let method = Method::BruteForce;
+        let settings = Settings { width, height, method, counting: true, ..Settings::default() };
+        prepare(scene, &settings).expect("framed")
+    }
+
     /// Neither tiles nor threads show: the film is what one loop over its pixels gives.
     #[test]
     fn the_film_equals_that_of_a_plain_loop() {
-        let mut backend = loaded(1500, 3, counting());
+        // Tiles end within rows, the last one early.
+        let job = cube(2, 200, 111);
+        let mut backend = CpuBackend::new();
+        backend.load(&job.buffers, &job.frame, job.features).expect("fits");
         let _ = backend.add_sample(5, &mut |_| GOING_ON);
         let scene = view(&backend.scene, &backend.frame);
         for (i, pixel) in backend.film.iter().enumerate() {
-            let (x, y) = (word(i % 1500), word(i / 1500));
-            let sample = sample_pixel(&scene, counting(), x, y, 5, &mut Counts::default());
+            let (x, y) = (word(i % 200), word(i / 200));
+            let sample = sample_pixel(&scene, job.features, x, y, 5, &mut Counts::default());
             assert_eq!(*pixel, FilmPixel::default().plus(sample), "pixel ({x}, {y})");
         }
+        assert!(backend.film.iter().any(|pixel| pixel.alpha > 0.0));
     }
 
     #[test]
@@ -378,40 +367,14 @@ mod tests {
     /// break comes while most of the 64 are still to do.
     #[test]
     fn a_break_ends_the_pass_and_keeps_the_film() {
-        let builtin = crate::scene::builtin::load("builtin:quilt").expect("built in");
-        let scene = crate::render::Scene {
-            mesh: builtin.mesh,
-            height_map: builtin.height,
-            color_map: None,
-            zero: builtin.zero,
-            scale: builtin.scale,
-            subdivisions: 64,
-        };
-        let settings = crate::settings::Settings {
-            width: 256,
-            height: 256,
-            method: crate::settings::Method::BruteForce,
-            counting: true,
-            ..Default::default()
-        };
-        let job = crate::render::prepare(scene, &settings).expect("framed");
+        let job = cube(64, 256, 256);
         let mut backend = CpuBackend::new();
-        backend
-            .load(&job.buffers, &job.frame, job.features)
-            .expect("fits");
-        let flow = backend
-            .add_sample(0, &mut |_| ControlFlow::Break(()))
-            .expect("runs");
+        backend.load(&job.buffers, &job.frame, job.features).expect("fits");
+        let flow = backend.add_sample(0, &mut |_| ControlFlow::Break(())).expect("runs");
         assert_eq!(flow, ControlFlow::Break(()));
         let done = backend.film.iter().filter(|pixel| pixel.samples == 1).count();
-        assert!(
-            done >= TILE_PIXELS && done < backend.film.len(),
-            "{done} pixels done"
-        );
-        assert_eq!(
-            backend.totals().expect("counted")[counter::PRIMARY_RAYS as usize],
-            done as u64
-        );
+        assert!(done >= TILE_PIXELS && done < backend.film.len(), "{done} pixels done");
+        assert_eq!(backend.totals().expect("counted")[counter::PRIMARY_RAYS as usize], done as u64);
     }
 
     #[test]
@@ -419,9 +382,7 @@ mod tests {
         let mut backend = loaded(16, 16, counting());
         let _ = backend.add_sample(0, &mut |_| GOING_ON);
         let frame = backend.frame;
-        backend
-            .load(&SceneBuffers::default(), &frame, counting())
-            .expect("fits");
+        backend.load(&SceneBuffers::default(), &frame, counting()).expect("fits");
         assert!(backend.film.iter().all(|pixel| pixel.samples == 0));
         assert_eq!(backend.totals().expect("counted"), Totals::default());
     }
@@ -437,10 +398,7 @@ mod tests {
     #[test]
     fn memory_that_cannot_be_had_is_an_error() {
         let error = reserved::<FilmPixel>("the film", usize::MAX / 32).expect_err("no machine has it");
-        assert!(
-            error.to_string().starts_with("no memory for the film ("),
-            "{error}"
-        );
+        assert!(error.to_string().starts_with("no memory for the film ("), "{error}");
     }
 
     #[test]

@@ -24,10 +24,7 @@ pub trait HostAabb {
 
 impl HostAabb for Aabb {
     fn union(self, other: Aabb) -> Aabb {
-        Aabb {
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        }
+        Aabb { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     fn contains(self, other: Aabb) -> bool {
@@ -56,50 +53,27 @@ mod tests {
 
     #[test]
     fn centers_are_finite() {
-        let unbounded = Aabb {
-            min: Vec3::NEG_INFINITY,
-            max: Vec3::INFINITY,
-        };
+        let unbounded = Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
         assert_eq!(unbounded.center(), Vec3::ZERO);
-        assert!(
-            Aabb {
-                min: Vec3::ZERO,
-                max: Vec3::INFINITY
-            }
-            .center()
-            .is_finite()
-        );
+        assert!(Aabb { min: Vec3::ZERO, max: Vec3::INFINITY }.center().is_finite());
         assert_eq!(
-            Aabb {
-                min: Vec3::ZERO,
-                max: Vec3::new(2.0, 4.0, 6.0)
-            }
-            .center(),
+            Aabb { min: Vec3::ZERO, max: Vec3::new(2.0, 4.0, 6.0) }.center(),
             Vec3::new(1.0, 2.0, 3.0)
         );
     }
 
     #[test]
     fn areas_do_not_overflow() {
-        let bounds = Aabb {
-            min: Vec3::ZERO,
-            max: Vec3::new(1.0, 2.0, 3.0),
-        };
+        let bounds = Aabb { min: Vec3::ZERO, max: Vec3::new(1.0, 2.0, 3.0) };
         assert_eq!(bounds.half_area(), 11.0);
         assert_eq!(Aabb::EMPTY.half_area(), 0.0);
-        let huge = Aabb {
-            min: Vec3::splat(-f32::MAX),
-            max: Vec3::splat(f32::MAX),
-        };
+        let huge = Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) };
         assert!(huge.half_area().is_finite());
     }
 
     #[test]
     fn corners_span_the_box() {
-        let bounds = Aabb {
-            min: Vec3::ZERO,
-            max: Vec3::new(1.0, 2.0, 3.0),
-        };
+        let bounds = Aabb { min: Vec3::ZERO, max: Vec3::new(1.0, 2.0, 3.0) };
         let corners = bounds.corners();
         assert_eq!(corners.iter().fold(Aabb::EMPTY, |b, &p| b.including(p)), bounds);
         assert!((0..8).all(|i| (0..i).all(|j| corners[i] != corners[j])));

@@ -67,10 +67,7 @@ impl Bvh {
             boxes,
             uses: vec![0; boxes.len()],
             visited: 0,
-            stats: BvhStats {
-                nodes: self.nodes.len(),
-                ..BvhStats::default()
-            },
+            stats: BvhStats { nodes: self.nodes.len(), ..BvhStats::default() },
         };
         if !self.nodes.is_empty() {
             walk.subtree(0, 0)?;
@@ -98,27 +95,15 @@ impl Walk<'_> {
         self.stats.depth = self.stats.depth.max(depth);
         let this = self.bvh.nodes[node as usize];
         self.stats.sah_cost += bounds_of(this).half_area() * f64::from(this.count.max(1));
-        if this.count > 0 {
-            self.leaf(node, this)
-        } else {
-            self.inner(node, this, depth)
-        }
+        if this.count > 0 { self.leaf(node, this) } else { self.inner(node, this, depth) }
     }
 
     fn leaf(&mut self, node: u32, leaf: BvhNode) -> Result<(), BvhError> {
         self.stats.leaves += 1;
         self.stats.largest_leaf = self.stats.largest_leaf.max(leaf.count);
         let range = leaf.first as usize..leaf.first as usize + leaf.count as usize;
-        for &primitive in self
-            .bvh
-            .primitives
-            .get(range)
-            .ok_or(BvhError::Dangling { node })?
-        {
-            let held = self
-                .boxes
-                .get(primitive as usize)
-                .ok_or(BvhError::Dangling { node })?;
+        for &primitive in self.bvh.primitives.get(range).ok_or(BvhError::Dangling { node })? {
+            let held = self.boxes.get(primitive as usize).ok_or(BvhError::Dangling { node })?;
             if !bounds_of(leaf).contains(*held) {
                 return Err(BvhError::TooSmall { node });
             }
@@ -146,9 +131,7 @@ impl Walk<'_> {
             return Err(BvhError::NotOnce { primitive, count });
         }
         if self.visited != self.bvh.nodes.len() {
-            return Err(BvhError::Unreachable {
-                count: self.bvh.nodes.len().abs_diff(self.visited),
-            });
+            return Err(BvhError::Unreachable { count: self.bvh.nodes.len().abs_diff(self.visited) });
         }
         if self.visited > 0 {
             self.stats.sah_cost /= self.bvh.bounds().half_area();
@@ -158,10 +141,7 @@ impl Walk<'_> {
 }
 
 fn bounds_of(node: BvhNode) -> Aabb {
-    Aabb {
-        min: node.min,
-        max: node.max,
-    }
+    Aabb { min: node.min, max: node.max }
 }
 
 #[cfg(test)]
@@ -170,10 +150,7 @@ mod tests {
     use glam::Vec3;
 
     fn unit_box_at(x: f32) -> Aabb {
-        Aabb {
-            min: Vec3::new(x, 0.0, 0.0),
-            max: Vec3::new(x + 1.0, 1.0, 1.0),
-        }
+        Aabb { min: Vec3::new(x, 0.0, 0.0), max: Vec3::new(x + 1.0, 1.0, 1.0) }
     }
 
     fn three() -> (Vec<Aabb>, Bvh) {
@@ -188,15 +165,8 @@ mod tests {
     fn the_cost_is_the_expected_number_of_tests() {
         let boxes = [unit_box_at(0.0), unit_box_at(2.0)];
         let stats = Bvh::build(&boxes).validate(&boxes).expect("valid");
-        assert!(
-            (stats.sah_cost - (1.0 + 2.0 * 3.0 / 7.0)).abs() < 1e-12,
-            "{}",
-            stats.sah_cost
-        );
-        assert_eq!(
-            (stats.nodes, stats.leaves, stats.largest_leaf, stats.depth),
-            (3, 2, 1, 1)
-        );
+        assert!((stats.sah_cost - (1.0 + 2.0 * 3.0 / 7.0)).abs() < 1e-12, "{}", stats.sah_cost);
+        assert_eq!((stats.nodes, stats.leaves, stats.largest_leaf, stats.depth), (3, 2, 1, 1));
     }
 
     #[test]
@@ -216,19 +186,11 @@ mod tests {
     #[test]
     fn a_primitive_listed_twice_is_found() {
         let (boxes, mut bvh) = three();
-        let leaf = |i: u32| {
-            bvh.nodes
-                .iter()
-                .position(|n| n.count > 0 && n.first == i)
-                .expect("a leaf")
-        };
+        let leaf = |i: u32| bvh.nodes.iter().position(|n| n.count > 0 && n.first == i).expect("a leaf");
         let (from, to) = (leaf(0), leaf(1));
         bvh.primitives[1] = bvh.primitives[0];
         (bvh.nodes[to].min, bvh.nodes[to].max) = (bvh.nodes[from].min, bvh.nodes[from].max);
-        assert!(matches!(
-            bvh.validate(&boxes),
-            Err(BvhError::NotOnce { .. } | BvhError::TooSmall { .. })
-        ));
+        assert!(matches!(bvh.validate(&boxes), Err(BvhError::NotOnce { .. } | BvhError::TooSmall { .. })));
     }
 
     #[test]
@@ -242,13 +204,7 @@ mod tests {
     fn a_missing_leaf_is_found() {
         let (mut boxes, bvh) = three();
         boxes.push(unit_box_at(5.0));
-        assert_eq!(
-            bvh.validate(&boxes),
-            Err(BvhError::NotOnce {
-                primitive: 3,
-                count: 0
-            })
-        );
+        assert_eq!(bvh.validate(&boxes), Err(BvhError::NotOnce { primitive: 3, count: 0 }));
     }
 
     #[test]
@@ -264,37 +220,14 @@ mod tests {
         let count = MAX_BVH_DEPTH + 2;
         let boxes = vec![unit_box_at(0.0); count as usize];
         let (min, max) = (boxes[0].min, boxes[0].max);
-        let mut nodes = vec![BvhNode {
-            min,
-            max,
-            first: 1,
-            count: 0,
-        }];
+        let mut nodes = vec![BvhNode { min, max, first: 1, count: 0 }];
         for i in 0..count - 1 {
-            nodes.push(BvhNode {
-                min,
-                max,
-                first: i,
-                count: 1,
-            });
-            nodes.push(BvhNode {
-                min,
-                max,
-                first: 2 * i + 3,
-                count: 0,
-            });
+            nodes.push(BvhNode { min, max, first: i, count: 1 });
+            nodes.push(BvhNode { min, max, first: 2 * i + 3, count: 0 });
         }
         let last = nodes.len() - 1;
-        nodes[last] = BvhNode {
-            min,
-            max,
-            first: count - 1,
-            count: 1,
-        };
-        let bvh = Bvh {
-            nodes,
-            primitives: (0..count).collect(),
-        };
+        nodes[last] = BvhNode { min, max, first: count - 1, count: 1 };
+        let bvh = Bvh { nodes, primitives: (0..count).collect() };
         assert!(matches!(bvh.validate(&boxes), Err(BvhError::TooDeep { .. })));
     }
 }
