@@ -287,7 +287,8 @@ mod tests {
             let bits = pcg4d(UVec4::new(i, 0, 0, 0));
             let (zero, scale) = (4.0 * unit_float(bits.x) - 2.0, 200.0 * unit_float(bits.y) - 100.0);
             let (low, high) = height_range((0.0, 1.0), scale, zero);
-            for texel in [0.0, unit_float(bits.z), 1.0] {
+            // The last is white as bilinear weights may return it, six roundings too bright.
+            for texel in [0.0, unit_float(bits.z), 1.0 + 3.0 * f32::EPSILON] {
                 let height = scale * (texel - zero);
                 assert!(low <= height && height <= high, "{low} {height} {high}");
             }
