@@ -15,36 +15,24 @@ pub struct Aabb {
 
 impl Aabb {
     /// The box of no point.
-    pub const EMPTY: Aabb = Aabb {
-        min: Vec3::INFINITY,
-        max: Vec3::NEG_INFINITY,
-    };
+    pub const EMPTY: Aabb = Aabb { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The smallest box that holds this one and `p`.
     #[inline]
     pub fn including(self, p: Vec3) -> Aabb {
-        Aabb {
-            min: self.min.min(p),
-            max: self.max.max(p),
-        }
+        Aabb { min: self.min.min(p), max: self.max.max(p) }
     }
 
     /// This box grown by `margin` on every side.
     #[inline]
     pub fn padded(self, margin: f32) -> Aabb {
-        Aabb {
-            min: self.min - Vec3::splat(margin),
-            max: self.max + Vec3::splat(margin),
-        }
+        Aabb { min: self.min - Vec3::splat(margin), max: self.max + Vec3::splat(margin) }
     }
 
     /// What both boxes hold.
     #[inline]
     pub fn intersection(self, other: Aabb) -> Aabb {
-        Aabb {
-            min: self.min.max(other.min),
-            max: self.max.min(other.max),
-        }
+        Aabb { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
 
     /// Distance at which the ray enters the box, at least 0; infinite where it misses it within `t_max`.
@@ -90,10 +78,7 @@ fn sooner(a: f32, b: f32) -> f32 {
 mod tests {
     use super::*;
 
-    const UNIT: Aabb = Aabb {
-        min: Vec3::ZERO,
-        max: Vec3::ONE,
-    };
+    const UNIT: Aabb = Aabb { min: Vec3::ZERO, max: Vec3::ONE };
 
     fn entry(origin: [f32; 3], direction: [f32; 3]) -> f32 {
         UNIT.entry_distance(&TraversalRay::new(origin.into(), direction.into(), 1e30), 1e30)
@@ -138,10 +123,7 @@ mod tests {
             let a = numbers.vec3() * 100.0;
             let mut b = a + numbers.vec3();
             b.x = a.x;
-            let bounds = Aabb {
-                min: a.min(b),
-                max: a.max(b),
-            };
+            let bounds = Aabb { min: a.min(b), max: a.max(b) };
             let s = numbers.vec3() * 0.5 + Vec3::splat(0.5);
             let target = bounds.min + (bounds.max - bounds.min) * s;
             let origin = numbers.vec3() * 1000.0;
@@ -149,10 +131,7 @@ mod tests {
             let ray = TraversalRay::new(origin, d.normalize().as_vec3(), f32::INFINITY);
             // The rounded direction misses the target by up to u |d|: pad by that, and nothing else.
             let padded = bounds.padded(d.length() as f32 * f32::EPSILON);
-            assert!(
-                padded.entry_distance(&ray, f32::INFINITY).is_finite(),
-                "{ray:?} {bounds:?}"
-            );
+            assert!(padded.entry_distance(&ray, f32::INFINITY).is_finite(), "{ray:?} {bounds:?}");
         }
     }
 }

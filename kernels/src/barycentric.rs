@@ -27,10 +27,7 @@ pub fn interpolate(w: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
 /// [`interpolate`] for texture coordinates.
 #[inline]
 pub fn interpolate2(w: Vec3, a: Vec2, b: Vec2, c: Vec2) -> Vec2 {
-    Vec2::new(
-        fma(w.z, c.x, fma(w.y, b.x, a.x * w.x)),
-        fma(w.z, c.y, fma(w.y, b.y, a.y * w.x)),
-    )
+    Vec2::new(fma(w.z, c.x, fma(w.y, b.x, a.x * w.x)), fma(w.z, c.y, fma(w.y, b.y, a.y * w.x)))
 }
 
 #[cfg(test)]
@@ -59,14 +56,8 @@ mod tests {
             let last = interpolate(Vec3::new(wa, wb, 0.0), a, b, third);
             let middle = interpolate(Vec3::new(wa, 0.0, wb), a, third, b);
             let first = interpolate(Vec3::new(0.0, wa, wb), third, a, b);
-            assert_eq!(
-                last.to_array().map(f32::to_bits),
-                middle.to_array().map(f32::to_bits)
-            );
-            assert_eq!(
-                last.to_array().map(f32::to_bits),
-                first.to_array().map(f32::to_bits)
-            );
+            assert_eq!(last.to_array().map(f32::to_bits), middle.to_array().map(f32::to_bits));
+            assert_eq!(last.to_array().map(f32::to_bits), first.to_array().map(f32::to_bits));
         }
     }
 }

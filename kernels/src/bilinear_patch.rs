@@ -29,11 +29,7 @@ pub struct PatchHit {
 
 impl PatchHit {
     /// No hit.
-    pub const NONE: PatchHit = PatchHit {
-        t: f32::NAN,
-        u: 0.0,
-        v: 0.0,
-    };
+    pub const NONE: PatchHit = PatchHit { t: f32::NAN, u: 0.0, v: 0.0 };
 
     /// Whether the line meets the patch here.
     #[inline]
@@ -52,14 +48,16 @@ impl BilinearPatch {
     /// (all coefficients zero) has no meeting.
     #[inline]
     pub fn intersect_line(&self, origin: Vec3, direction: Vec3) -> (PatchHit, PatchHit) {
-        // Coefficients of the quadratic a + b u + c u².
-        let q00 = self.q00 - origin;
-        let q10 = self.q10 - origin;
-        let e00 = self.q01 - self.q00;
-        let e11 = self.q11 - self.q10;
-        let a = dot(cross(q00, direction), e00);
-        let c = dot(cross(q10 - q00, self.q01 - self.q11), direction);
-        let b = dot(cross(q10, direction), e11) - a - c;
+        // The volume of direction, ruling and start is m(u) . q(u), both linear: a + b u + c u². Written with the
+        // rulings' cross products first, which lose nothing where the line runs along a ruling.
+        let (q00, q10) = (self.q00 - origin, self.q10 - origin);
+        let (e00, e11) = (self.q01 - self.q00, self.q11 - self.q10);
+        let along = self.q10 - self.q00;
+        let m0 = cross(direction, e00);
+        let dm = cross(direction, e11) - m0;
+        let a = dot(m0, q00);
+        let b = dot(m0, along) + dot(dm, q00);
+        let c = dot(dm, along);
         // Its roots, the larger in magnitude first, since the other then cancels nothing.
         let discriminant = crate::math::difference_of_products(b, b, 4.0 * a, c);
         if discriminant < 0.0 {
@@ -87,12 +85,7 @@ impl BilinearPatch {
         if n2 == 0.0 {
             return PatchHit::NONE;
         }
-        let m = cross(start, n);
-        PatchHit {
-            t: -dot(m, ruling) / n2,
-            u,
-            v: -dot(m, direction) / n2,
-        }
+        PatchHit { t: -dot(cross(n, ruling), start) / n2, u, v: -dot(cross(n, direction), start) / n2 }
     }
 }
 
@@ -112,21 +105,9 @@ mod tests {
 
     #[test]
     fn plane_patch_is_met_once() {
-        let patch = BilinearPatch {
-            q00: Vec3::ZERO,
-            q10: Vec3::X,
-            q01: Vec3::Y,
-            q11: Vec3::X + Vec3::Y,
-        };
+        let patch = BilinearPatch { q00: Vec3::ZERO, q10: Vec3::X, q01: Vec3::Y, q11: Vec3::X + Vec3::Y };
         let found = hits(&patch, Vec3::new(0.25, 0.5, 2.0), -Vec3::Z);
-        assert_eq!(
-            found,
-            [PatchHit {
-                t: 2.0,
-                u: 0.25,
-                v: 0.5
-            }]
-        );
+        assert_eq!(found, [PatchHit { t: 2.0, u: 0.25, v: 0.5 }]);
         assert_eq!(hits(&patch, Vec3::new(1.25, 0.5, 2.0), -Vec3::Z), []);
     }
 
@@ -140,27 +121,17 @@ mod tests {
             q01: corner(-1.0, 1.0),
             q11: corner(1.0, 1.0),
         };
-        let mut ts: Vec<f32> = hits(&patch, Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 1.0, 0.0))
-            .iter()
-            .map(|h| h.t)
-            .collect();
+        let mut ts: Vec<f32> =
+            hits(&patch, Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 1.0, 0.0)).iter().map(|h| h.t).collect();
         ts.sort_by(f32::total_cmp);
         assert_eq!(ts.len(), 2);
         // (t, t, 1/2) lies on z = x y where t² = 1/2. Bound: a few roundings of numbers near 1.
-        assert!(
-            (ts[0] + 0.5_f32.sqrt()).abs() < 1e-6 && (ts[1] - 0.5_f32.sqrt()).abs() < 1e-6,
-            "{ts:?}"
-        );
+        assert!((ts[0] + 0.5_f32.sqrt()).abs() < 1e-6 && (ts[1] - 0.5_f32.sqrt()).abs() < 1e-6, "{ts:?}");
     }
 
     #[test]
     fn line_in_the_surface_has_no_meeting() {
-        let patch = BilinearPatch {
-            q00: Vec3::ZERO,
-            q10: Vec3::X,
-            q01: Vec3::Y,
-            q11: Vec3::X + Vec3::Y,
-        };
+        let patch = BilinearPatch { q00: Vec3::ZERO, q10: Vec3::X, q01: Vec3::Y, q11: Vec3::X + Vec3::Y };
         assert_eq!(hits(&patch, Vec3::new(0.5, 0.5, 0.0), Vec3::X), []);
     }
 
@@ -191,10 +162,7 @@ mod tests {
                 .map(|h| ((h.t - 3.0).abs()).max((h.u - u).abs()).max((h.v - v).abs()))
                 .fold(f32::INFINITY, f32::min);
             // About 30 roundings of numbers below 8, divided by at most 0.05.
-            assert!(
-                error < 30.0 * 8.0 * crate::math::UNIT_ROUNDOFF / 0.05,
-                "{patch:?} {u} {v} {error}"
-            );
+            assert!(error < 30.0 * 8.0 * crate::math::UNIT_ROUNDOFF / 0.05, "{patch:?} {u} {v} {error}");
         }
         assert!(checked > 30_000);
     }

@@ -17,12 +17,8 @@ mod tests {
 
     #[test]
     fn film_centre_is_forward_and_corners_are_its_half_axes_away() {
-        let camera = Camera {
-            right: Vec3::X * 2.0,
-            up: Vec3::Y * 0.5,
-            forward: -Vec3::Z,
-            ..Camera::default()
-        };
+        let camera =
+            Camera { right: Vec3::X * 2.0, up: Vec3::Y * 0.5, forward: -Vec3::Z, ..Camera::default() };
         assert_eq!(camera.ray_direction(Vec2::splat(0.5)), -Vec3::Z);
         let top_left = camera.ray_direction(Vec2::ZERO);
         assert!((top_left - Vec3::new(-2.0, 0.5, -1.0).normalize()).length() < 1e-7);

@@ -3,10 +3,7 @@
     clippy::too_many_arguments,
     reason = "an entry point takes one argument per binding and specialisation constant"
 )]
-#![allow(
-    missing_docs,
-    reason = "the spirv macro drops doc comments of entry points' parameters"
-)]
+#![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 use crate::counters::Counts;
 use crate::interface::{
@@ -42,16 +39,8 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
 ) {
-    let scene = SceneView {
-        frame,
-        vertices,
-        triangles,
-        nodes,
-        primitives,
-        height_texels,
-        color_texels,
-        lights,
-    };
+    let scene =
+        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
     let features = Features {
         method,
         shade,
@@ -109,31 +98,13 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
 ) {
-    let scene = SceneView {
-        frame,
-        vertices,
-        triangles,
-        nodes,
-        primitives,
-        height_texels,
-        color_texels,
-        lights,
-    };
-    let features = Features {
-        method,
-        height_format,
-        height_wrap,
-        counters: counting,
-        ..Features::default()
-    };
+    let scene =
+        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
+    let features = Features { method, height_format, height_wrap, counters: counting, ..Features::default() };
     if id.x < batch.count {
         let mut counts = Counts::default();
         let i = batch.first + id.x;
-        put(
-            intersections,
-            i,
-            render::trace_ray(&scene, features, at(rays, i), &mut counts),
-        );
+        put(intersections, i, render::trace_ray(&scene, features, at(rays, i), &mut counts));
         add_counts(counters, counts, features);
     }
 }

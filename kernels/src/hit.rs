@@ -19,13 +19,7 @@ pub struct Hit {
 
 impl Hit {
     /// No hit.
-    pub const NONE: Hit = Hit {
-        t: f32::INFINITY,
-        primitive: MISS,
-        cell: 0,
-        b1: 0.0,
-        b2: 0.0,
-    };
+    pub const NONE: Hit = Hit { t: f32::INFINITY, primitive: MISS, cell: 0, b1: 0.0, b2: 0.0 };
 
     /// Whether anything was hit.
     #[inline]

@@ -4,6 +4,18 @@
 //! dispatches; the CPU backend and the tests call the same functions.
 #![cfg_attr(target_arch = "spirv", no_std)]
 #![deny(unsafe_code)]
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "kernels turn coordinates into texel and cell indices; sizes from files are checked by the host"
+)]
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a comparison is negated where NaN must take that way too"
+)]
+#![allow(
+    clippy::manual_range_contains,
+    reason = "comparisons compile to what the GPU runs; ranges are structs"
+)]
 
 pub mod aabb;
 pub mod barycentric;

@@ -91,6 +91,12 @@ pub fn max_abs(v: Vec3) -> f32 {
     v.x.abs().max(v.y.abs()).max(v.z.abs())
 }
 
+/// Sum of absolute components.
+#[inline]
+pub fn sum_abs(v: Vec3) -> f32 {
+    v.x.abs() + v.y.abs() + v.z.abs()
+}
+
 /// The next float above a finite `x`.
 #[inline]
 pub fn next_up(x: f32) -> f32 {
@@ -120,10 +126,7 @@ pub fn at<T: Copy>(buffer: &[T], i: u32) -> T {
         buffer[i as usize]
     }
     #[cfg(target_arch = "spirv")]
-    #[expect(
-        unsafe_code,
-        reason = "unchecked load; the CPU build of the same source checks the index"
-    )]
+    #[expect(unsafe_code, reason = "unchecked load; the CPU build of the same source checks the index")]
     // SAFETY: the CPU build of the same source checks this index, and the parity tests run both on the same input.
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked(buffer, i as usize)
@@ -138,10 +141,7 @@ pub fn put<T: Copy>(buffer: &mut [T], i: u32, value: T) {
         buffer[i as usize] = value;
     }
     #[cfg(target_arch = "spirv")]
-    #[expect(
-        unsafe_code,
-        reason = "unchecked store; the CPU build of the same source checks the index"
-    )]
+    #[expect(unsafe_code, reason = "unchecked store; the CPU build of the same source checks the index")]
     // SAFETY: as in `at`.
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked_mut(buffer, i as usize) = value;
@@ -235,10 +235,7 @@ pub(crate) mod tests {
     #[test]
     fn fma_keeps_what_a_rounded_product_loses() {
         let x = 1.0 + f32::EPSILON;
-        assert_eq!(
-            fma(x, x, -(1.0 + 2.0 * f32::EPSILON)),
-            f32::EPSILON * f32::EPSILON
-        );
+        assert_eq!(fma(x, x, -(1.0 + 2.0 * f32::EPSILON)), f32::EPSILON * f32::EPSILON);
     }
 
     #[test]
@@ -251,10 +248,7 @@ pub(crate) mod tests {
 
     #[test]
     fn counter_carries_into_its_upper_word() {
-        let mut counters = [Counter {
-            low: u32::MAX - 1,
-            high: 2,
-        }];
+        let mut counters = [Counter { low: u32::MAX - 1, high: 2 }];
         add_counter(&mut counters, 0, 3);
         assert_eq!(counters[0], Counter { low: 1, high: 3 });
     }

@@ -43,12 +43,7 @@ pub const OUT_STRIDE: u32 = 8;
 pub fn run(kernel: u32, input: &[u32], output: &mut [u32], i: u32) {
     let (a, b) = (i * IN_STRIDE, i * OUT_STRIDE);
     if kernel == PCG4D {
-        let v = pcg4d(UVec4::new(
-            at(input, a),
-            at(input, a + 1),
-            at(input, a + 2),
-            at(input, a + 3),
-        ));
+        let v = pcg4d(UVec4::new(at(input, a), at(input, a + 1), at(input, a + 2), at(input, a + 3)));
         put(output, b, v.x);
         put(output, b + 1, v.y);
         put(output, b + 2, v.z);
@@ -64,16 +59,9 @@ pub fn run(kernel: u32, input: &[u32], output: &mut [u32], i: u32) {
             forward: vec3(input, a + 6),
             ..Camera::default()
         };
-        put_vec3(
-            output,
-            b,
-            camera.ray_direction(Vec2::new(float(input, a + 9), float(input, a + 10))),
-        );
+        put_vec3(output, b, camera.ray_direction(Vec2::new(float(input, a + 9), float(input, a + 10))));
     } else if kernel == AABB {
-        let bounds = Aabb {
-            min: vec3(input, a + 6),
-            max: vec3(input, a + 9),
-        };
+        let bounds = Aabb { min: vec3(input, a + 6), max: vec3(input, a + 9) };
         let t = bounds.entry_distance(&ray(input, a), f32::INFINITY);
         put(output, b, t.to_bits());
     } else if kernel == TRIANGLE {
@@ -102,11 +90,7 @@ pub fn run(kernel: u32, input: &[u32], output: &mut [u32], i: u32) {
             Vec2::new(float(input, a + 2), float(input, a + 3)),
         );
         put(output, b, fma(p.x, p.y, q.x).to_bits());
-        put(
-            output,
-            b + 1,
-            difference_of_products(p.x, p.y, q.x, q.y).to_bits(),
-        );
+        put(output, b + 1, difference_of_products(p.x, p.y, q.x, q.y).to_bits());
     }
 }
 
@@ -135,14 +119,6 @@ fn put_vec3(output: &mut [u32], i: u32, v: Vec3) {
 #[inline]
 fn put_patch_hit(output: &mut [u32], i: u32, hit: PatchHit) {
     let found = hit.is_some();
-    put_vec3(
-        output,
-        i,
-        if found {
-            Vec3::new(hit.t, hit.u, hit.v)
-        } else {
-            Vec3::ZERO
-        },
-    );
+    put_vec3(output, i, if found { Vec3::new(hit.t, hit.u, hit.v) } else { Vec3::ZERO });
     put(output, i + 3, found as u32);
 }

@@ -62,20 +62,13 @@ impl TraversalRay {
         let scale = crate::math::max_abs(ray.direction);
         let scaled = ray.direction / scale;
         let length = scaled.length();
-        (
-            Self::new(ray.origin, scaled / length, ray.t_max * (length * scale)),
-            length * scale,
-        )
+        (Self::new(ray.origin, scaled / length, ray.t_max * (length * scale)), length * scale)
     }
 
     /// The same ray that cannot hit the micro-triangle of `hit`.
     #[inline]
     pub fn leaving(self, hit: Hit) -> Self {
-        TraversalRay {
-            left_primitive: hit.primitive,
-            left_cell: hit.cell,
-            ..self
-        }
+        TraversalRay { left_primitive: hit.primitive, left_cell: hit.cell, ..self }
     }
 
     /// `p` relative to the origin, sheared so that the ray runs along the third axis: what all triangles of a
@@ -83,11 +76,7 @@ impl TraversalRay {
     #[inline]
     pub fn shear_point(&self, p: Vec3) -> Vec3 {
         let p = permute(p - self.origin, self.major_axis);
-        Vec3::new(
-            fma(-self.shear.x, p.z, p.x),
-            fma(-self.shear.y, p.z, p.y),
-            p.z * self.shear.z,
-        )
+        Vec3::new(fma(-self.shear.x, p.z, p.x), fma(-self.shear.y, p.z, p.y), p.z * self.shear.z)
     }
 }
 

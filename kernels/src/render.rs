@@ -22,10 +22,8 @@ pub fn sample_pixel(
 ) -> Sample {
     let frame = scene.frame;
     let jitter = sample_2d(x, y, sample, frame.seed);
-    let film = Vec2::new(
-        (x as f32 + jitter.x) / frame.width as f32,
-        (y as f32 + jitter.y) / frame.height as f32,
-    );
+    let film =
+        Vec2::new((x as f32 + jitter.x) / frame.width as f32, (y as f32 + jitter.y) / frame.height as f32);
     let ray = TraversalRay::new(frame.camera.eye, frame.camera.ray_direction(film), f32::INFINITY);
     counts.primary_rays += 1;
     let hit = traverse(scene, features, &ray, Query::Nearest, counts);
@@ -34,10 +32,7 @@ pub fn sample_pixel(
     }
     counts.hits += 1;
     let steps = counts.triangles;
-    Sample {
-        radiance: shade_hit(scene, features, &ray, hit, steps, counts),
-        alpha: 1.0,
-    }
+    Sample { radiance: shade_hit(scene, features, &ray, hit, steps, counts), alpha: 1.0 }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.
@@ -47,11 +42,7 @@ pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &m
     counts.primary_rays += 1;
     let hit = traverse(scene, features, &traversal_ray, Query::Nearest, counts);
     if !hit.is_some() {
-        return Intersection {
-            t: f32::INFINITY,
-            primitive: MISS,
-            ..Intersection::default()
-        };
+        return Intersection { t: f32::INFINITY, primitive: MISS, ..Intersection::default() };
     }
     counts.hits += 1;
     let surface = SurfaceInteraction::new(scene, features, hit);

@@ -90,12 +90,9 @@ mod tests {
     #[test]
     fn every_coordinate_changes_the_sample() {
         let base = sample_2d(1, 2, 3, 4);
-        for other in [
-            sample_2d(2, 2, 3, 4),
-            sample_2d(1, 3, 3, 4),
-            sample_2d(1, 2, 4, 4),
-            sample_2d(1, 2, 3, 5),
-        ] {
+        for other in
+            [sample_2d(2, 2, 3, 4), sample_2d(1, 3, 3, 4), sample_2d(1, 2, 4, 4), sample_2d(1, 2, 3, 5)]
+        {
             assert_ne!(base, other);
         }
     }

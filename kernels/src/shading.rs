@@ -50,10 +50,7 @@ impl SurfaceInteraction {
                 let (j, k) = cell.vertex(e);
                 grid_point(j, k, n)
             };
-            (
-                [q0.position, q1.position, q2.position],
-                interpolate(b, corner(0), corner(1), corner(2)),
-            )
+            ([q0.position, q1.position, q2.position], interpolate(b, corner(0), corner(1), corner(2)))
         };
         let n = cross(p[1] - p[0], p[2] - p[0]).normalize();
         let uv = base.uv(w);
@@ -62,11 +59,7 @@ impl SurfaceInteraction {
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng: if base.flipped { -n } else { n },
             uv,
-            height: if features.method == method::NONE {
-                0.0
-            } else {
-                field.height(uv)
-            },
+            height: if features.method == method::NONE { 0.0 } else { field.height(uv) },
         }
     }
 
@@ -74,11 +67,7 @@ impl SurfaceInteraction {
     /// along the normal to the edge of its error box, then rounded away (pbrt-v4, section 6.8.6).
     #[inline]
     pub fn spawn_origin(&self, direction: Vec3) -> Vec3 {
-        let n = if dot(direction, self.ng) < 0.0 {
-            -self.ng
-        } else {
-            self.ng
-        };
+        let n = if dot(direction, self.ng) < 0.0 { -self.ng } else { self.ng };
         let offset = n * dot(n.abs(), self.point_error);
         let origin = self.point + offset;
         Vec3::new(
@@ -123,11 +112,7 @@ pub fn shade_hit(
     } else if features.shade == shade::HEIGHT {
         let d = &scene.frame.displacement;
         let range = d.height_max - d.height_min;
-        Vec3::splat(if range > 0.0 {
-            (surface.height - d.height_min) / range
-        } else {
-            0.0
-        })
+        Vec3::splat(if range > 0.0 { (surface.height - d.height_min) / range } else { 0.0 })
     } else if features.shade == shade::UV {
         let uv = surface.uv - surface.uv.floor();
         Vec3::new(uv.x, uv.y, 0.0)
@@ -155,11 +140,7 @@ fn lit(
         let (format, wrap) = (features.color_format, features.color_wrap);
         sample_color(scene.color_texels, format, wrap, width, height, surface.uv)
     };
-    let facing = if dot(ray.direction, surface.ng) > 0.0 {
-        -surface.ng
-    } else {
-        surface.ng
-    };
+    let facing = if dot(ray.direction, surface.ng) > 0.0 { -surface.ng } else { surface.ng };
     let mut light = Vec3::splat(frame.ambient);
     let mut i = 0;
     while i < frame.light_count {
@@ -211,11 +192,7 @@ fn cell_color(hit: Hit) -> Vec3 {
 #[inline]
 fn heat(x: f32) -> Vec3 {
     let x = x.clamp(0.0, 1.0);
-    Vec3::new(
-        (2.0 * x - 1.0).max(0.0),
-        1.0 - (2.0 * x - 1.0).abs(),
-        (1.0 - 2.0 * x).max(0.0),
-    )
+    Vec3::new((2.0 * x - 1.0).max(0.0), 1.0 - (2.0 * x - 1.0).abs(), (1.0 - 2.0 * x).max(0.0))
 }
 
 #[cfg(test)]
@@ -234,13 +211,7 @@ mod tests {
     fn full_ambient_light_shows_the_albedo() {
         let mut scene = TestScene::squares(&[0.0]);
         scene.frame.ambient = 1.0;
-        assert_eq!(
-            sample(&scene, FLAT),
-            Sample {
-                radiance: scene.frame.albedo,
-                alpha: 1.0
-            }
-        );
+        assert_eq!(sample(&scene, FLAT), Sample { radiance: scene.frame.albedo, alpha: 1.0 });
     }
 
     #[test]
@@ -291,10 +262,7 @@ mod tests {
         // The camera at z = 5 sees the square at 0; the light stands at z = 8 or z = 6, the second square at 7.
         let lit_at = |light: f32| {
             let scene = TestScene::squares(&[0.0, 7.0]).with_light(Vec3::new(0.0, 0.0, light), 100.0);
-            (
-                sample(&scene, shadows).radiance.x,
-                sample(&scene, FLAT).radiance.x,
-            )
+            (sample(&scene, shadows).radiance.x, sample(&scene, FLAT).radiance.x)
         };
         let (shadowed, unshadowed) = lit_at(8.0);
         assert_eq!(shadowed, 0.0);
@@ -305,12 +273,8 @@ mod tests {
 
     #[test]
     fn normal_points_out_of_the_base_mesh_whichever_way_it_is_stored() {
-        let down = Ray {
-            origin: Vec3::new(0.3, 0.1, 5.0),
-            t_max: 1e9,
-            direction: -Vec3::Z * 2.0,
-            padding: 0,
-        };
+        let down =
+            Ray { origin: Vec3::new(0.3, 0.1, 5.0), t_max: 1e9, direction: -Vec3::Z * 2.0, padding: 0 };
         for scene in [TestScene::squares(&[0.0]), TestScene::squares(&[0.0]).flipped()] {
             for m in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
                 let features = Features { method: m, ..FLAT };
@@ -326,12 +290,7 @@ mod tests {
     #[test]
     fn t_max_is_in_lengths_of_the_direction() {
         let scene = TestScene::squares(&[0.0]);
-        let ray = |t_max| Ray {
-            origin: Vec3::Z * 5.0,
-            t_max,
-            direction: -Vec3::Z * 2.0,
-            padding: 0,
-        };
+        let ray = |t_max| Ray { origin: Vec3::Z * 5.0, t_max, direction: -Vec3::Z * 2.0, padding: 0 };
         let primitive = |r| trace_ray(&scene.view(), FLAT, r, &mut Counts::default()).primitive;
         assert_ne!(primitive(ray(2.5)), MISS);
         assert_eq!(primitive(ray(2.4)), MISS);
@@ -349,7 +308,7 @@ mod tests {
         for direction in [surface.ng, -surface.ng] {
             let moved = (surface.spawn_origin(direction) - surface.point).as_dvec3();
             let along = moved.dot(direction.as_dvec3());
-            assert!(along > f64::from(0.6 * 1e-5 + 0.8 * 1e-6), "{along}");
+            assert!(along > 0.6 * 1e-5 + 0.8 * 1e-6, "{along}");
         }
     }
 
@@ -358,31 +317,14 @@ mod tests {
         let mut scene = TestScene::squares(&[0.0]);
         let d = &mut scene.frame.displacement;
         (d.height_min, d.height_max, d.scale, d.zero) = (-1.0, 3.0, 1.0, 0.0);
-        let mode = |shade| {
-            sample(
-                &scene,
-                Features {
-                    shade,
-                    method: method::GRID_WALK,
-                    ..FLAT
-                },
-            )
-            .radiance
-        };
+        let mode = |shade| sample(&scene, Features { shade, method: method::GRID_WALK, ..FLAT }).radiance;
         assert_eq!(mode(shade::NORMAL), Vec3::new(0.5, 0.5, 1.0));
         assert_eq!(mode(shade::HEIGHT), Vec3::splat(0.25));
         let uv = mode(shade::UV);
         assert!(uv.x >= 0.0 && uv.x < 1.0 && uv.z == 0.0);
         assert!(mode(shade::CELL).min_element() >= 0.15);
         scene.frame.steps_scale = 2;
-        let steps = sample(
-            &scene,
-            Features {
-                shade: shade::STEPS,
-                ..FLAT
-            },
-        )
-        .radiance;
+        let steps = sample(&scene, Features { shade: shade::STEPS, ..FLAT }).radiance;
         assert_eq!(steps, Vec3::X, "two triangles tested of two: red");
     }
 }

@@ -34,44 +34,21 @@ pub(crate) const FLAT: Features = Features {
 impl TestScene {
     /// Level squares [-1,1]² facing +z, one at each of the given heights, under a map of one texel 0.
     pub(crate) fn squares(heights: &[f32]) -> Self {
-        let mut scene = TestScene {
-            height_texels: vec![0],
-            ..TestScene::default()
-        };
+        let mut scene = TestScene { height_texels: vec![0], ..TestScene::default() };
         for &z in heights {
             let first = scene.vertices.len() as u32;
             for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
                 let position = Vec3::new(x, y, z);
-                scene.vertices.push(Vertex {
-                    position,
-                    normal: Vec3::Z,
-                    u: x,
-                    v: y,
-                });
+                scene.vertices.push(Vertex { position, normal: Vec3::Z, u: x, v: y });
             }
-            scene.triangles.push(Triangle {
-                vertices: [first, first + 1, first + 2],
-                flags: 0,
-            });
-            scene.triangles.push(Triangle {
-                vertices: [first, first + 2, first + 3],
-                flags: 0,
-            });
+            scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], ..Triangle::default() });
+            scene.triangles.push(Triangle { vertices: [first, first + 2, first + 3], ..Triangle::default() });
         }
         let count = scene.triangles.len() as u32;
         scene.primitives = (0..count).collect();
-        scene.nodes.push(BvhNode {
-            min: Vec3::splat(-9.0),
-            first: 0,
-            max: Vec3::splat(9.0),
-            count,
-        });
-        let displacement = Displacement {
-            subdivisions: 1,
-            map_width: 1,
-            map_height: 1,
-            ..Displacement::default()
-        };
+        scene.nodes.push(BvhNode { min: Vec3::splat(-9.0), first: 0, max: Vec3::splat(9.0), count });
+        let displacement =
+            Displacement { subdivisions: 1, map_width: 1, map_height: 1, ..Displacement::default() };
         scene.frame = Frame {
             camera: Camera {
                 eye: Vec3::new(0.0, 0.0, 5.0),
@@ -100,12 +77,7 @@ impl TestScene {
     }
 
     pub(crate) fn with_light(mut self, position: Vec3, intensity: f32) -> Self {
-        self.lights.push(PointLight {
-            position,
-            intensity,
-            color: Vec3::ONE,
-            padding: 0,
-        });
+        self.lights.push(PointLight { position, intensity, color: Vec3::ONE, padding: 0 });
         self.frame.light_count = self.lights.len() as u32;
         self
     }

@@ -52,11 +52,7 @@ fn footprint(uv: Vec2, width: u32, height: u32, mode: u32) -> Footprint {
     let x1 = wrap_index(left as i32 + 1, width as i32, mode);
     let y0 = wrap_index(top as i32, height as i32, mode) * width;
     let y1 = wrap_index(top as i32 + 1, height as i32, mode) * width;
-    Footprint {
-        texels: [y0 + x0, y0 + x1, y1 + x0, y1 + x1],
-        fx: x - left,
-        fy: y - top,
-    }
+    Footprint { texels: [y0 + x0, y0 + x1, y1 + x0, y1 + x1], fx: x - left, fy: y - top }
 }
 
 /// From `a` to `b` by `s` in [0,1]; leaves [a,b] by at most an ulp of the larger.
@@ -67,7 +63,7 @@ fn lerp(s: f32, a: f32, b: f32) -> f32 {
 
 /// Texel `i` of a height map.
 #[inline]
-fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
+pub fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
     if format == height_format::UNORM8 {
         ((at(texels, i >> 2) >> ((i & 3) * 8)) & 0xff) as f32 / 255.0
     } else if format == height_format::UNORM16 {
@@ -82,16 +78,10 @@ fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
 #[inline]
 pub fn sample_height(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> f32 {
     let f = footprint(uv, width, height, mode);
-    let top = lerp(
-        f.fx,
-        height_texel(texels, format, f.texels[0]),
-        height_texel(texels, format, f.texels[1]),
-    );
-    let bottom = lerp(
-        f.fx,
-        height_texel(texels, format, f.texels[2]),
-        height_texel(texels, format, f.texels[3]),
-    );
+    let top =
+        lerp(f.fx, height_texel(texels, format, f.texels[0]), height_texel(texels, format, f.texels[1]));
+    let bottom =
+        lerp(f.fx, height_texel(texels, format, f.texels[2]), height_texel(texels, format, f.texels[3]));
     lerp(f.fy, top, bottom)
 }
 
@@ -161,23 +151,14 @@ mod tests {
         assert_eq!(sample(wrap::MIRROR, 0.0, 0.75), 0.0);
         assert_eq!(sample(wrap::CLAMP, 7.0, 0.75), 3.0);
         assert_eq!(sample(wrap::MIRROR, 1.125, 0.75), 3.0);
-        assert_eq!(
-            sample(wrap::MIRROR, -0.375, 0.75),
-            sample(wrap::MIRROR, 0.375, 0.75)
-        );
+        assert_eq!(sample(wrap::MIRROR, -0.375, 0.75), sample(wrap::MIRROR, 0.375, 0.75));
     }
 
     #[test]
     fn repeat_has_the_same_bits_at_both_sides_of_the_seam() {
         for v in [0.0, 0.3, 0.75, 1.0] {
-            assert_eq!(
-                sample(wrap::REPEAT, 0.0, v).to_bits(),
-                sample(wrap::REPEAT, 1.0, v).to_bits()
-            );
-            assert_eq!(
-                sample(wrap::REPEAT, -3.0, v).to_bits(),
-                sample(wrap::REPEAT, 5.0, v).to_bits()
-            );
+            assert_eq!(sample(wrap::REPEAT, 0.0, v).to_bits(), sample(wrap::REPEAT, 1.0, v).to_bits());
+            assert_eq!(sample(wrap::REPEAT, -3.0, v).to_bits(), sample(wrap::REPEAT, 5.0, v).to_bits());
         }
     }
 
@@ -186,10 +167,7 @@ mod tests {
         let texels = [0.25_f32.to_bits()];
         for mode in [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR] {
             for u in [-1e6, -0.5, -1e-8, 0.0, 0.3, 1.0, 1e9] {
-                assert_eq!(
-                    sample_height(&texels, height_format::FLOAT32, mode, 1, 1, Vec2::new(u, u)),
-                    0.25
-                );
+                assert_eq!(sample_height(&texels, height_format::FLOAT32, mode, 1, 1, Vec2::new(u, u)), 0.25);
             }
         }
     }

@@ -17,11 +17,7 @@ pub struct TriangleHit {
 
 impl TriangleHit {
     /// No hit.
-    pub const NONE: TriangleHit = TriangleHit {
-        t: f32::INFINITY,
-        b1: 0.0,
-        b2: 0.0,
-    };
+    pub const NONE: TriangleHit = TriangleHit { t: f32::INFINITY, b1: 0.0, b2: 0.0 };
 }
 
 /// Meets the triangle (p0, p1, p2) from either side at a distance in [0, `t_max`]; edges belong to it.
@@ -46,15 +42,7 @@ pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -
         return TriangleHit::NONE;
     }
     let t = (e0 * a.z + e1 * b.z + e2 * c.z) / det;
-    if t >= 0.0 && t <= t_max {
-        TriangleHit {
-            t,
-            b1: e1 / det,
-            b2: e2 / det,
-        }
-    } else {
-        TriangleHit::NONE
-    }
+    if t >= 0.0 && t <= t_max { TriangleHit { t, b1: e1 / det, b2: e2 / det } } else { TriangleHit::NONE }
 }
 
 #[cfg(test)]
@@ -70,13 +58,8 @@ mod tests {
 
     #[test]
     fn hit_has_distance_and_barycentrics() {
-        let hit = intersect(
-            &ray(Vec3::new(0.25, 0.5, 2.0), Vec3::new(0.25, 0.5, 0.0)),
-            P[0],
-            P[1],
-            P[2],
-            10.0,
-        );
+        let hit =
+            intersect(&ray(Vec3::new(0.25, 0.5, 2.0), Vec3::new(0.25, 0.5, 0.0)), P[0], P[1], P[2], 10.0);
         assert_eq!((hit.t, hit.b1, hit.b2), (2.0, 0.25, 0.5));
     }
 
@@ -94,21 +77,12 @@ mod tests {
         let in_plane = ray(Vec3::new(-1.0, 0.2, 0.0), Vec3::new(0.0, 0.2, 0.0));
         assert_eq!(intersect(&in_plane, P[0], P[1], P[2], 10.0), TriangleHit::NONE);
         let across = ray(Vec3::new(0.5, 0.0, 1.0), Vec3::new(0.5, 0.0, 0.0));
-        assert_eq!(
-            intersect(&across, P[0], P[1], Vec3::X * 2.0, 10.0),
-            TriangleHit::NONE
-        );
+        assert_eq!(intersect(&across, P[0], P[1], Vec3::X * 2.0, 10.0), TriangleHit::NONE);
     }
 
     #[test]
     fn edges_and_vertices_belong_to_the_triangle() {
-        for target in [
-            Vec3::ZERO,
-            Vec3::X,
-            Vec3::Y,
-            Vec3::new(0.5, 0.0, 0.0),
-            Vec3::new(0.0, 0.25, 0.0),
-        ] {
+        for target in [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.0, 0.25, 0.0)] {
             let hit = intersect(&ray(target + Vec3::Z, target), P[0], P[1], P[2], 10.0);
             assert_eq!(hit.t, 1.0);
         }
@@ -127,25 +101,13 @@ mod tests {
                     centre + Vec3::new(angle.cos(), angle.sin(), 0.3 * numbers.unit()) * scale
                 })
                 .collect();
-            let s = if numbers.unit() < 0.3 {
-                0.0
-            } else {
-                numbers.unit() * 0.9
-            };
+            let s = if numbers.unit() < 0.3 { 0.0 } else { numbers.unit() * 0.9 };
             let spoke = (numbers.unit() * 7.0) as usize;
             let target = centre + (rim[spoke] - centre) * s;
             let eye = centre + (Vec3::Z + numbers.vec3() * 0.5) * scale * 10.0;
             let ray = ray(eye, target);
-            let hit = (0..7).any(|i| {
-                intersect(&ray, centre, rim[i], rim[(i + 1) % 7], 1e30)
-                    .t
-                    .is_finite()
-            });
-            assert!(
-                hit,
-                "{ray:?} between the triangles at {centre} and {}",
-                rim[spoke]
-            );
+            let hit = (0..7).any(|i| intersect(&ray, centre, rim[i], rim[(i + 1) % 7], 1e30).t.is_finite());
+            assert!(hit, "{ray:?} between the triangles at {centre} and {}", rim[spoke]);
         }
     }
 
@@ -170,11 +132,7 @@ mod tests {
             let hit = intersect(&ray, p[0], p[1], p[2], f32::INFINITY);
             // Depths reach |origin| + |p| < 16; the plane's slope divides the error by the cosine.
             let bound = 16.0 * f64::from(crate::math::gamma(12)) / cosine;
-            assert!(
-                (f64::from(hit.t) - exact).abs() <= bound,
-                "{} {exact} {bound}",
-                hit.t
-            );
+            assert!((f64::from(hit.t) - exact).abs() <= bound, "{} {exact} {bound}", hit.t);
         }
     }
 }

@@ -100,15 +100,10 @@ impl Destination {
     pub fn check(&self) -> Result<(), PictureError> {
         let folder = self.folder();
         if !folder.is_dir() {
-            return Err(PictureError::NoFolder {
-                path: self.path.clone(),
-                folder: folder.to_owned(),
-            });
+            return Err(PictureError::NoFolder { path: self.path.clone(), folder: folder.to_owned() });
         }
         if self.path.exists() && !self.path.is_file() {
-            return Err(PictureError::NotAFile {
-                path: self.path.clone(),
-            });
+            return Err(PictureError::NotAFile { path: self.path.clone() });
         }
         self.temporary().map(drop)
     }
@@ -116,19 +111,14 @@ impl Destination {
     /// Writes the picture to a temporary file beside its place, then renames it: whatever fails on the way, an older
     /// file at the path is kept and no half-written one is left.
     pub fn write(&self, picture: &Picture) -> Result<(), PictureError> {
-        let failed = |reason| PictureError::Write {
-            path: self.path.clone(),
-            reason,
-        };
+        let failed = |reason| PictureError::Write { path: self.path.clone(), reason };
         let mut file = self.temporary()?;
         let mut writer = BufWriter::new(file.as_file_mut());
         encode(picture, self.format, &mut writer).map_err(failed)?;
         let flushed = writer.flush();
         drop(writer);
         // A full disk may show only when the data leave the cache; the rename must not come before.
-        flushed
-            .and_then(|()| file.as_file().sync_all())
-            .map_err(|e| failed(e.into()))?;
+        flushed.and_then(|()| file.as_file().sync_all()).map_err(|e| failed(e.into()))?;
         file.persist(self.target()).map_err(|e| failed(e.error.into()))?;
         Ok(())
     }
@@ -158,13 +148,11 @@ impl Destination {
         // Temporary files are private by default; a picture is as public as the user's umask says.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder
-            .tempfile_in(folder)
-            .map_err(|reason| PictureError::NotWritable {
-                path: self.path.clone(),
-                folder: folder.to_owned(),
-                reason,
-            })
+        builder.tempfile_in(folder).map_err(|reason| PictureError::NotWritable {
+            path: self.path.clone(),
+            folder: folder.to_owned(),
+            reason,
+        })
     }
 }
 
@@ -173,20 +161,12 @@ fn encode(picture: &Picture, format: PictureFormat, writer: impl Write + Seek) -
     let (width, height) = (picture.width, picture.height);
     match format {
         PictureFormat::Png8 => {
-            let texels: Vec<[u8; 4]> = picture
-                .pixels
-                .par_iter()
-                .map(|&pixel| quantized8(pixel))
-                .collect();
+            let texels: Vec<[u8; 4]> = picture.pixels.par_iter().map(|&pixel| quantized8(pixel)).collect();
             let bytes = texels.as_flattened();
             PngEncoder::new(writer).write_image(bytes, width, height, ExtendedColorType::Rgba8)
         }
         PictureFormat::Png16 => {
-            let texels: Vec<[u16; 4]> = picture
-                .pixels
-                .par_iter()
-                .map(|&pixel| quantized16(pixel))
-                .collect();
+            let texels: Vec<[u16; 4]> = picture.pixels.par_iter().map(|&pixel| quantized16(pixel)).collect();
             let bytes = bytemuck::cast_slice(&texels);
             PngEncoder::new(writer).write_image(bytes, width, height, ExtendedColorType::Rgba16)
         }
@@ -200,17 +180,8 @@ fn encode(picture: &Picture, format: PictureFormat, writer: impl Write + Seek) -
 /// A pixel as PNG wants it: divided by alpha, sRGB-encoded, in [0,1]. Colour without coverage is black; NaN is 0.
 fn encoded(pixel: Vec4) -> [f32; 4] {
     let alpha = pixel.w;
-    let color = if alpha > 0.0 {
-        pixel.truncate() / alpha
-    } else {
-        Vec3::ZERO
-    };
-    [
-        srgb_from_linear(color.x),
-        srgb_from_linear(color.y),
-        srgb_from_linear(color.z),
-        alpha.clamp(0.0, 1.0),
-    ]
+    let color = if alpha > 0.0 { pixel.truncate() / alpha } else { Vec3::ZERO };
+    [srgb_from_linear(color.x), srgb_from_linear(color.y), srgb_from_linear(color.z), alpha.clamp(0.0, 1.0)]
 }
 
 /// Nearest of 256 codes. The cast saturates and takes NaN to 0.
@@ -228,21 +199,13 @@ fn quantized16(pixel: Vec4) -> [u16; 4] {
 /// The sRGB transfer function (IEC 61966-2-1) on [0,1]; what is outside is clamped.
 pub fn srgb_from_linear(linear: f32) -> f32 {
     let linear = linear.clamp(0.0, 1.0);
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// The inverse of [`srgb_from_linear`].
 pub fn linear_from_srgb(code: f32) -> f32 {
     let code = code.clamp(0.0, 1.0);
-    if code <= 0.040_45 {
-        code / 12.92
-    } else {
-        ((code + 0.055) / 1.055).powf(2.4)
-    }
+    if code <= 0.040_45 { code / 12.92 } else { ((code + 0.055) / 1.055).powf(2.4) }
 }
 
 #[cfg(test)]
@@ -259,11 +222,7 @@ mod tests {
             // Linear 0.215861 is the sRGB code 128 of 255; brighter than white is clamped.
             Vec4::new(0.215_861, 2.0, f32::NAN, 1.0),
         ];
-        Picture {
-            width: 2,
-            height: 2,
-            pixels,
-        }
+        Picture { width: 2, height: 2, pixels }
     }
 
     fn decoded(format: PictureFormat) -> image::DynamicImage {
@@ -295,10 +254,7 @@ mod tests {
     fn exr_is_linear_and_premultiplied() {
         let image = decoded(PictureFormat::Exr);
         let texels = image.as_rgba32f().expect("floats with alpha").as_raw().clone();
-        assert_eq!(
-            texels[..14],
-            bytemuck::cast_slice::<Vec4, f32>(&picture().pixels)[..14]
-        );
+        assert_eq!(texels[..14], bytemuck::cast_slice::<Vec4, f32>(&picture().pixels)[..14]);
         assert!(texels[14].is_nan());
     }
 
@@ -329,9 +285,7 @@ mod tests {
     #[test]
     fn a_missing_folder_is_found_before_rendering() {
         let folder = tempfile::tempdir().expect("a folder");
-        let error = destination(&folder.path().join("none"))
-            .check()
-            .expect_err("missing");
+        let error = destination(&folder.path().join("none")).check().expect_err("missing");
         assert!(matches!(error, PictureError::NoFolder { .. }), "{error}");
     }
 
@@ -385,10 +339,7 @@ mod tests {
     #[test]
     fn a_full_disk_is_an_error_in_every_format() {
         for format in [PictureFormat::Png8, PictureFormat::Png16, PictureFormat::Exr] {
-            assert!(
-                encode(&picture(), format, Full(Cursor::default())).is_err(),
-                "{format:?}"
-            );
+            assert!(encode(&picture(), format, Full(Cursor::default())).is_err(), "{format:?}");
         }
     }
 }

@@ -156,30 +156,17 @@ impl Stats {
 
     /// Finds out whether they could be written, before the work that they are about.
     pub fn check(path: &Path) -> Result<(), StatsError> {
-        let folder = path
-            .parent()
-            .filter(|folder| *folder != Path::new(""))
-            .unwrap_or(Path::new("."));
+        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         if folder.is_dir() && !path.is_dir() {
             return Ok(());
         }
-        let reason = if path.is_dir() {
-            "it is a folder"
-        } else {
-            "its folder does not exist"
-        };
-        Err(StatsError {
-            path: path.to_owned(),
-            reason: std::io::Error::other(reason),
-        })
+        let reason = if path.is_dir() { "it is a folder" } else { "its folder does not exist" };
+        Err(StatsError { path: path.to_owned(), reason: std::io::Error::other(reason) })
     }
 
     /// Writes them as JSON.
     pub fn write(&self, path: &Path) -> Result<(), StatsError> {
-        let failed = |reason| StatsError {
-            path: path.to_owned(),
-            reason,
-        };
+        let failed = |reason| StatsError { path: path.to_owned(), reason };
         let mut json = serde_json::to_string_pretty(self).map_err(|e| failed(e.into()))?;
         json.push('\n');
         std::fs::write(path, json).map_err(failed)

@@ -29,9 +29,5 @@ pub fn finish(backend: VulkanBackend) {
     let log = backend.validation_log();
     drop(backend);
     let messages = log.messages();
-    assert!(
-        messages.is_empty(),
-        "the validation layers say:\n{}",
-        messages.join("\n")
-    );
+    assert!(messages.is_empty(), "the validation layers say:\n{}", messages.join("\n"));
 }

@@ -15,44 +15,26 @@ const PRIMARY_RAYS: usize = counter::PRIMARY_RAYS as usize;
 
 /// A frame over an empty scene, with a camera that looks along -z.
 fn frame(width: u32, height: u32) -> Frame {
-    let camera = Camera {
-        right: Vec3::X,
-        up: Vec3::Y,
-        forward: Vec3::NEG_Z,
-        ..Camera::default()
-    };
-    Frame {
-        camera,
-        width,
-        height,
-        ..Frame::default()
-    }
+    let camera = Camera { right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, ..Camera::default() };
+    Frame { camera, width, height, ..Frame::default() }
 }
 
 /// With work counted.
 fn counting() -> Features {
-    Features {
-        counters: 1,
-        ..Features::default()
-    }
+    Features { counters: 1, ..Features::default() }
 }
 
 /// The devices of this machine, lavapipe among them.
 fn devices_with_lavapipe() -> Vec<DeviceInfo> {
     let remedy = "`cargo xtask test` installs lavapipe";
     let devices = devices().expect(remedy);
-    assert!(
-        devices.iter().any(|device| device.name.contains("llvmpipe")),
-        "{remedy}: {devices:?}"
-    );
+    assert!(devices.iter().any(|device| device.name.contains("llvmpipe")), "{remedy}: {devices:?}");
     devices
 }
 
 /// Adds sample number `sample` to all of the film.
 fn add_sample(backend: &mut VulkanBackend, sample: u32) {
-    let flow = backend
-        .add_sample(sample, &mut |_| ControlFlow::Continue(()))
-        .unwrap();
+    let flow = backend.add_sample(sample, &mut |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(flow, ControlFlow::Continue(()));
 }
 
@@ -67,9 +49,7 @@ fn assert_samples(backend: &mut VulkanBackend, samples: u32) {
 fn every_pixel_gets_each_sample_once() {
     let mut backend = lavapipe();
     for (width, height) in [(1, 1), (7, 3), (8, 8), (257, 129), (600, 500)] {
-        backend
-            .load(&SceneBuffers::default(), &frame(width, height), counting())
-            .unwrap();
+        backend.load(&SceneBuffers::default(), &frame(width, height), counting()).unwrap();
         // The first pass is cut into many tiles, the later ones by what was measured.
         for sample in 0..3 {
             add_sample(&mut backend, sample);
@@ -77,11 +57,7 @@ fn every_pixel_gets_each_sample_once() {
         let pixels = u64::from(width * height);
         assert_eq!(backend.film().unwrap().len() as u64, pixels);
         assert_samples(&mut backend, 3);
-        assert_eq!(
-            backend.totals().unwrap()[PRIMARY_RAYS],
-            3 * pixels,
-            "{width}x{height}"
-        );
+        assert_eq!(backend.totals().unwrap()[PRIMARY_RAYS], 3 * pixels, "{width}x{height}");
     }
     finish(backend);
 }
@@ -89,9 +65,7 @@ fn every_pixel_gets_each_sample_once() {
 #[test]
 fn first_pass_is_cut_into_tiles() {
     let mut backend = lavapipe();
-    backend
-        .load(&SceneBuffers::default(), &frame(257, 129), counting())
-        .unwrap();
+    backend.load(&SceneBuffers::default(), &frame(257, 129), counting()).unwrap();
     let mut shares = Vec::new();
     let flow = backend.add_sample(0, &mut |share| {
         shares.push(share);
@@ -106,26 +80,14 @@ fn first_pass_is_cut_into_tiles() {
 #[test]
 fn break_keeps_the_tiles_so_far() {
     let mut backend = lavapipe();
-    backend
-        .load(&SceneBuffers::default(), &frame(256, 128), counting())
-        .unwrap();
+    backend.load(&SceneBuffers::default(), &frame(256, 128), counting()).unwrap();
     let mut until_half = |share| {
-        if share < 0.5 {
-            ControlFlow::Continue(())
-        } else {
-            ControlFlow::Break(())
-        }
+        if share < 0.5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
-    assert_eq!(
-        backend.add_sample(0, &mut until_half).unwrap(),
-        ControlFlow::Break(())
-    );
+    assert_eq!(backend.add_sample(0, &mut until_half).unwrap(), ControlFlow::Break(()));
     let samples: Vec<_> = backend.film().unwrap().iter().map(|sum| sum.samples).collect();
     let (first_half, second_half) = samples.split_at(256 * 64);
-    assert!(
-        first_half.iter().all(|&n| n == 1),
-        "tiles come from top to bottom"
-    );
+    assert!(first_half.iter().all(|&n| n == 1), "tiles come from top to bottom");
     assert_eq!(second_half.last(), Some(&0), "nothing comes after the break");
     assert!(second_half.iter().all(|&n| n <= 1));
     finish(backend);
@@ -136,36 +98,19 @@ fn resolve_is_the_mean_of_the_film_over_the_background() {
     let mut backend = lavapipe();
     let background = Vec3::new(0.25, 0.5, 0.75);
     // The film, 10 MiB, is longer than the staging buffer.
-    let frame = Frame {
-        background,
-        background_alpha: 1.0,
-        ..frame(1024, 512)
-    };
-    backend
-        .load(&SceneBuffers::default(), &frame, counting())
-        .unwrap();
+    let frame = Frame { background, background_alpha: 1.0, ..frame(1024, 512) };
+    backend.load(&SceneBuffers::default(), &frame, counting()).unwrap();
     let unlit = backend.resolve().unwrap();
-    assert!(
-        unlit.iter().all(|&pixel| pixel == background.extend(1.0)),
-        "no sample: the background"
-    );
+    assert!(unlit.iter().all(|&pixel| pixel == background.extend(1.0)), "no sample: the background");
     add_sample(&mut backend, 0);
     add_sample(&mut backend, 1);
-    let expected: Vec<Vec4> = backend
-        .film()
-        .unwrap()
-        .iter()
-        .map(|sum| sum.resolve(&frame))
-        .collect();
+    let expected: Vec<Vec4> = backend.film().unwrap().iter().map(|sum| sum.resolve(&frame)).collect();
     let picture = backend.resolve().unwrap();
     assert_eq!(picture.len(), expected.len());
     for (pixel, (&device, &host)) in picture.iter().zip(&expected).enumerate() {
         // Two products and two sums of values in [0, 1], of which the device may contract some: each rounds by
         // at most half an ulp of 2, which is one epsilon.
-        assert!(
-            (device - host).abs().max_element() <= 4.0 * f32::EPSILON,
-            "{pixel}: {device} {host}"
-        );
+        assert!((device - host).abs().max_element() <= 4.0 * f32::EPSILON, "{pixel}: {device} {host}");
     }
     finish(backend);
 }
@@ -174,26 +119,18 @@ fn resolve_is_the_mean_of_the_film_over_the_background() {
 fn samples_are_the_same_after_a_second_load() {
     let mut backend = lavapipe();
     let film = |backend: &mut VulkanBackend| {
-        backend
-            .load(&SceneBuffers::default(), &frame(40, 30), Features::default())
-            .unwrap();
+        backend.load(&SceneBuffers::default(), &frame(40, 30), Features::default()).unwrap();
         assert_samples(backend, 0);
         add_sample(backend, 7);
         backend.film().unwrap()
     };
     let first = film(&mut backend);
     // Another size and other features in between: buffers and pipelines are made anew.
-    backend
-        .load(&SceneBuffers::default(), &frame(100, 10), counting())
-        .unwrap();
+    backend.load(&SceneBuffers::default(), &frame(100, 10), counting()).unwrap();
     add_sample(&mut backend, 0);
     assert_eq!(backend.totals().unwrap()[PRIMARY_RAYS], 1000);
     assert_eq!(film(&mut backend), first);
-    assert_eq!(
-        backend.totals().unwrap()[PRIMARY_RAYS],
-        0,
-        "load clears the counters"
-    );
+    assert_eq!(backend.totals().unwrap()[PRIMARY_RAYS], 0, "load clears the counters");
     finish(backend);
 }
 
@@ -202,14 +139,8 @@ fn scene_with_every_buffer_loads() {
     let mut backend = lavapipe();
     let scene = SceneBuffers {
         vertices: vec![Vertex::default(); 3],
-        triangles: vec![Triangle {
-            vertices: [0, 1, 2],
-            flags: 0,
-        }],
-        nodes: vec![BvhNode {
-            count: 1,
-            ..BvhNode::default()
-        }],
+        triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
+        nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
         primitives: vec![0],
         // 20 MiB: more than one piece of the staging buffer.
         height_texels: vec![0; 5 << 20],
@@ -238,15 +169,9 @@ fn new_backend_holds_an_empty_film() {
 #[test]
 fn rays_through_an_empty_scene_all_miss() {
     let mut backend = lavapipe();
-    backend
-        .load(&SceneBuffers::default(), &frame(1, 1), counting())
-        .unwrap();
+    backend.load(&SceneBuffers::default(), &frame(1, 1), counting()).unwrap();
     // More than are on the device at a time, and no multiple of a workgroup.
-    let ray = Ray {
-        direction: Vec3::Z,
-        t_max: 1.0,
-        ..Ray::default()
-    };
+    let ray = Ray { direction: Vec3::Z, t_max: 1.0, ..Ray::default() };
     let rays = vec![ray; (1 << 18) + 1001];
     let hits = backend.trace_rays(&rays).unwrap();
     assert_eq!(hits.len(), rays.len());
@@ -278,24 +203,15 @@ fn pcg4d_gives_the_bits_of_the_cpu() {
 fn film_beyond_the_device_is_too_large() {
     let mut backend = lavapipe();
     for (width, height) in [(1 << 16, 1 << 16), (u32::MAX, u32::MAX)] {
-        let error = backend
-            .load(&SceneBuffers::default(), &frame(width, height), counting())
-            .unwrap_err();
-        let BackendError::TooLarge {
-            name, bytes, limit, ..
-        } = &error
-        else {
-            panic!("{error}")
-        };
+        let error = backend.load(&SceneBuffers::default(), &frame(width, height), counting()).unwrap_err();
+        let BackendError::TooLarge { name, bytes, limit, .. } = &error else { panic!("{error}") };
         assert_eq!(*name, "the film");
         assert!(bytes > limit, "{error}");
         assert!(error.to_string().contains("--size"), "{error}");
     }
     // The backend goes on with an empty film, and takes the next scene.
     assert!(backend.resolve().unwrap().is_empty());
-    backend
-        .load(&SceneBuffers::default(), &frame(4, 4), counting())
-        .unwrap();
+    backend.load(&SceneBuffers::default(), &frame(4, 4), counting()).unwrap();
     add_sample(&mut backend, 0);
     assert_samples(&mut backend, 1);
     finish(backend);
@@ -305,21 +221,9 @@ fn film_beyond_the_device_is_too_large() {
 fn map_beyond_the_device_is_too_large() {
     let mut backend = lavapipe();
     // A word more than lavapipe's 128 MiB. (Zeros that are never touched take no memory of the host.)
-    let scene = SceneBuffers {
-        height_texels: vec![0; (128 << 18) + 1],
-        ..SceneBuffers::default()
-    };
+    let scene = SceneBuffers { height_texels: vec![0; (128 << 18) + 1], ..SceneBuffers::default() };
     let error = backend.load(&scene, &frame(4, 4), counting()).unwrap_err();
-    assert!(
-        matches!(
-            error,
-            BackendError::TooLarge {
-                name: "the height map",
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, BackendError::TooLarge { name: "the height map", .. }), "{error}");
     assert!(error.to_string().contains("scale the map down"), "{error}");
     finish(backend);
 }
@@ -335,17 +239,10 @@ fn probe_with_too_few_words_is_refused() {
 fn auto_never_takes_a_software_device() {
     devices_with_lavapipe();
     match VulkanBackend::new(&Selection::Auto, false) {
-        Ok(backend) => assert!(
-            backend.device().kind < DeviceKind::Software,
-            "{:?}",
-            backend.device()
-        ),
+        Ok(backend) => assert!(backend.device().kind < DeviceKind::Software, "{:?}", backend.device()),
         Err(error) => {
             assert!(matches!(error, BackendError::NoDevice { .. }), "{error}");
-            assert!(
-                error.to_string().contains("llvmpipe"),
-                "names what --device can ask for: {error}"
-            );
+            assert!(error.to_string().contains("llvmpipe"), "names what --device can ask for: {error}");
         }
     }
 }
@@ -353,18 +250,9 @@ fn auto_never_takes_a_software_device() {
 #[test]
 fn devices_lists_lavapipe_as_software() {
     let devices = devices_with_lavapipe();
-    let lavapipe = devices
-        .iter()
-        .find(|device| device.name.contains("llvmpipe"))
-        .unwrap();
-    assert_eq!(
-        (lavapipe.backend, lavapipe.kind),
-        ("vulkan", DeviceKind::Software)
-    );
-    assert!(
-        lavapipe.details.contains("Vulkan 1.") && lavapipe.details.contains("Mesa"),
-        "{lavapipe:?}"
-    );
+    let lavapipe = devices.iter().find(|device| device.name.contains("llvmpipe")).unwrap();
+    assert_eq!((lavapipe.backend, lavapipe.kind), ("vulkan", DeviceKind::Software));
+    assert!(lavapipe.details.contains("Vulkan 1.") && lavapipe.details.contains("Mesa"), "{lavapipe:?}");
 }
 
 #[test]
@@ -378,12 +266,7 @@ fn device_can_be_asked_for_by_index() {
 #[test]
 fn unknown_device_is_named_in_the_error() {
     devices_with_lavapipe();
-    let error = VulkanBackend::new(&Selection::Named("voodoo".to_owned()), false)
-        .err()
-        .unwrap();
+    let error = VulkanBackend::new(&Selection::Named("voodoo".to_owned()), false).err().unwrap();
     let message = error.to_string();
-    assert!(
-        message.contains("voodoo") && message.contains("llvmpipe"),
-        "{message}"
-    );
+    assert!(message.contains("voodoo") && message.contains("llvmpipe"), "{message}");
 }

@@ -9,7 +9,6 @@ mod test;
 mod toolchain;
 
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Emboss's own build steps.
@@ -48,13 +47,7 @@ enum Command {
     Pictures,
     /// A part of `spirv` that needs its own environment
     #[command(hide = true)]
-    CompileKernels {
-        /// Where to write the module
-        output: PathBuf,
-        /// With names and lines
-        #[arg(long)]
-        debug: bool,
-    },
+    CompileKernels(spirv::Compilation),
 }
 
 fn main() -> ExitCode {
@@ -76,6 +69,6 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Toolchain { rustup_only } => toolchain::provide(rustup_only),
         Command::Test { steps } => test::run(&steps),
         Command::Pictures => pictures::render(),
-        Command::CompileKernels { output, debug } => spirv::compile(&output, debug),
+        Command::CompileKernels(compilation) => spirv::compile(compilation),
     }
 }

@@ -4,7 +4,7 @@ use crate::process::{run, say};
 use crate::toolchain;
 use anyhow::{Context, Result, bail, ensure};
 use spirv_builder::{Capability, ShaderPanicStrategy, SpirvBuilder, SpirvMetadata};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use xtask::manifest::Manifest;
 use xtask::{MANIFEST_PATH, MODULE_PATH, REMEDY, module, settings, sources, workspace};
@@ -13,6 +13,20 @@ use xtask::{MANIFEST_PATH, MODULE_PATH, REMEDY, module, settings, sources, works
 struct Compiled {
     module: Vec<u8>,
     manifest: String,
+}
+
+/// What [`compile`] is told on the command line of its process.
+#[derive(clap::Args)]
+pub(crate) struct Compilation {
+    /// The name by which rustup knows the toolchain
+    toolchain: String,
+    /// The code generator that its rustc loads
+    code_generator: PathBuf,
+    /// Where to write the module
+    output: PathBuf,
+    /// With names and lines
+    #[arg(long)]
+    debug: bool,
 }
 
 /// Writes the module and its manifest.
@@ -60,8 +74,9 @@ fn compile_release() -> Result<Compiled> {
 /// Runs [`compile`] in a process of its own: spirv-builder hands its own environment on to cargo, and a running
 /// process cannot change its environment safely.
 fn spawn_compiler(output: &Path, debug: bool) -> Result<()> {
+    let toolchain = toolchain::find().context("`cargo xtask toolchain` gets what is missing")?;
     let mut command = Command::new(std::env::current_exe().context("cannot find this program")?);
-    command.arg("compile-kernels").arg(output);
+    command.args(["compile-kernels", toolchain.name]).arg(toolchain.code_generator).arg(output);
     // Building `core` takes unstable options of cargo, which a release of Rust only takes with this.
     command.env("RUSTC_BOOTSTRAP", "1");
     if debug {
@@ -76,11 +91,11 @@ fn spawn_compiler(output: &Path, debug: bool) -> Result<()> {
 }
 
 /// Compiles the kernels in the environment that [`spawn_compiler`] made.
-pub(crate) fn compile(output: &Path, debug: bool) -> Result<()> {
-    let toolchain = toolchain::find()?;
+pub(crate) fn compile(compilation: Compilation) -> Result<()> {
+    let Compilation { toolchain, code_generator, output, debug } = compilation;
     let mut builder = SpirvBuilder::new(workspace().join("kernels"), settings::TARGET);
-    builder.toolchain_overwrite = Some(toolchain.name.to_owned());
-    builder.rustc_codegen_spirv_location = Some(toolchain.code_generator);
+    builder.toolchain_overwrite = Some(toolchain);
+    builder.rustc_codegen_spirv_location = Some(code_generator);
     for name in settings::CAPABILITIES {
         let Ok(capability) = name.parse::<Capability>() else { bail!("SPIR-V has no capability {name}") };
         builder.capabilities.push(capability);
@@ -91,7 +106,7 @@ pub(crate) fn compile(output: &Path, debug: bool) -> Result<()> {
             ShaderPanicStrategy::DebugPrintfThenExit { print_inputs: true, print_backtrace: true };
     }
     let result = builder.build().context("the kernels do not compile to SPIR-V")?;
-    std::fs::copy(result.module.unwrap_single(), output).with_context(|| output.display().to_string())?;
+    std::fs::copy(result.module.unwrap_single(), &output).with_context(|| output.display().to_string())?;
     Ok(())
 }
 

@@ -3,7 +3,7 @@
 use crate::debian::{has_apt, is_root};
 use crate::process::{cargo, run as run_command, run_listening, say};
 use crate::{spirv, toolchain};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -65,7 +65,7 @@ impl Step {
                 passes(cargo().args(clippy))
             }
             Self::Docs => {
-                let docs = ["doc", "--workspace", "--no-deps", "--document-private-items"];
+                let docs = ["doc", "--workspace", "--no-deps"];
                 passes(cargo().args(docs).env("RUSTDOCFLAGS", "-D warnings"))
             }
             Self::Unit => unit_tests(),
@@ -194,26 +194,31 @@ const PACKAGES: &[Package] = &[
 
 /// Installs what is missing, or says what to install.
 fn install_packages() -> Result<String> {
-    let missing: Vec<_> =
-        PACKAGES.iter().filter(|package| !(package.is_there)()).map(|package| package.name).collect();
+    let missing = missing_packages();
     if missing.is_empty() {
         return Ok("all there".into());
     }
     let names = missing.join(" ");
-    if !has_apt() {
-        bail!(
-            "lavapipe, the Vulkan loader or the validation layers are missing (Debian's {names}): install them"
-        );
-    }
-    if !is_root()? {
-        bail!("missing: {names}; run `sudo apt-get install {names}`");
-    }
+    ensure!(
+        has_apt(),
+        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers); install it"
+    );
+    ensure!(is_root()?, "missing: {names}; run `sudo apt-get install {names}`");
     run_command(Command::new("apt-get").args(["update", "-qq"]))?;
-    let install = ["install", "--yes", "--quiet", "--no-install-recommends"];
+    let install = ["install", "--yes", "-qq", "--no-install-recommends"];
     run_command(
         Command::new("apt-get").args(install).args(&missing).env("DEBIAN_FRONTEND", "noninteractive"),
     )?;
+    ensure!(
+        missing_packages().is_empty(),
+        "apt-get installed {names}, but they are not where they should be"
+    );
     Ok(format!("installed {names}"))
+}
+
+/// The names of the packages that are not there.
+fn missing_packages() -> Vec<&'static str> {
+    PACKAGES.iter().filter(|package| !(package.is_there)()).map(|package| package.name).collect()
 }
 
 /// Folders in which drivers and layers are registered.

@@ -5,7 +5,7 @@
 
 use crate::debian;
 use crate::process::{output, run, say};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,7 +14,7 @@ use xtask::settings::RUST_GPU;
 /// The toolchain built from Debian's packages, or brought along ready-made.
 pub(crate) const LINKED: &str = "rust-gpu-1.96";
 /// The nightly that rust-gpu was released for.
-const NIGHTLY: &str = "nightly-2026-04-11";
+pub(crate) const NIGHTLY: &str = "nightly-2026-04-11";
 /// Its parts beyond rustc and cargo: the sources of `core`, rustc's own crates, and LLVM to link them.
 const COMPONENTS: &str = "rust-src,rustc-dev,llvm-tools";
 
@@ -28,12 +28,8 @@ pub(crate) struct Toolchain {
 
 /// The toolchain that is there.
 pub(crate) fn find() -> Result<Toolchain> {
-    let linked = inspect(LINKED);
-    let nightly = || inspect(NIGHTLY);
-    linked.or_else(|first| {
-        nightly().map_err(|second| {
-            anyhow::anyhow!("no SPIR-V toolchain: {first:#}; {second:#}; run `cargo xtask toolchain`")
-        })
+    inspect(LINKED).or_else(|linked| {
+        inspect(NIGHTLY).map_err(|nightly| anyhow!("no SPIR-V toolchain: {linked:#}; {nightly:#}"))
     })
 }
 
@@ -42,7 +38,7 @@ pub(crate) fn provide(rustup_only: bool) -> Result<()> {
     let toolchain = match find() {
         Ok(found) => found,
         Err(missing) => {
-            say(&format!("{missing:#}"));
+            say(&format!("{missing:#}; getting one"));
             obtain(rustup_only)?
         }
     };
@@ -57,7 +53,6 @@ fn obtain(rustup_only: bool) -> Result<Toolchain> {
         Err(reason) if rustup_only => Err(reason),
         Err(reason) => {
             say(&format!("rustup gives no toolchain: {reason:#}"));
-            say("building it from Debian's packages, about 20 minutes on 2 cores");
             debian::build(LINKED)?;
             inspect(LINKED)
         }
@@ -101,7 +96,7 @@ fn code_generator_file() -> String {
 fn from_rustup() -> Result<Toolchain> {
     let install = ["toolchain", "install", NIGHTLY, "--profile", "minimal", "--no-self-update"];
     run(Command::new("rustup").args(install).args(["--component", COMPONENTS]))?;
-    say(&format!("building rustc_codegen_spirv {RUST_GPU}, a few minutes"));
+    say(&format!("building rustc_codegen_spirv {RUST_GPU}, about 10 minutes on 2 cores"));
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let library = build_code_generator(work.path())?;
     let place = sysroot(NIGHTLY)?.join("lib").join(code_generator_file());

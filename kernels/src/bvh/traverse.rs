@@ -64,11 +64,7 @@ pub fn traverse(
                 let (to_left, to_right) = (left.entry_distance(ray, limit), right.entry_distance(ray, limit));
                 counts.boxes += 2;
                 let left_first = to_left <= to_right;
-                let (near, far) = if left_first {
-                    (to_left, to_right)
-                } else {
-                    (to_right, to_left)
-                };
+                let (near, far) = if left_first { (to_left, to_right) } else { (to_right, to_left) };
                 if far.is_finite() {
                     stack[depth as usize] = node.first + left_first as u32;
                     stack_distances[depth as usize] = far;
@@ -104,11 +100,7 @@ impl BvhNode {
     /// See [`Aabb::entry_distance`].
     #[inline]
     fn entry_distance(&self, ray: &TraversalRay, t_max: f32) -> f32 {
-        Aabb {
-            min: self.min,
-            max: self.max,
-        }
-        .entry_distance(ray, t_max)
+        Aabb { min: self.min, max: self.max }.entry_distance(ray, t_max)
     }
 }
 
@@ -133,13 +125,7 @@ fn intersect_primitive(
         counts.triangles += 1;
         let hit = triangle::intersect(ray, base.p0, base.p1, base.p2, ray.t_max);
         if hit.t.is_finite() && primitive != ray.left_primitive {
-            nearest.nearer(Hit {
-                t: hit.t,
-                primitive,
-                cell: 0,
-                b1: hit.b1,
-                b2: hit.b2,
-            })
+            nearest.nearer(Hit { t: hit.t, primitive, cell: 0, b1: hit.b1, b2: hit.b2 })
         } else {
             nearest
         }

@@ -48,11 +48,7 @@ impl Cell {
     /// The cell of a packed word.
     #[inline]
     pub fn unpack(word: u32) -> Cell {
-        Cell {
-            j: word & 0x1fff,
-            k: (word >> 13) & 0x1fff,
-            upper: word >> 26 & 1 != 0,
-        }
+        Cell { j: word & 0x1fff, k: (word >> 13) & 0x1fff, upper: word >> 26 & 1 != 0 }
     }
 
     /// The cell that holds the point of barycentric coordinates (beta, gamma); points outside the triangle are
@@ -106,26 +102,10 @@ impl Cell {
         let Cell { j, k, upper } = self;
         match change {
             LastChange::IMinus | LastChange::IPlus => Cell { j, k, upper: !upper },
-            LastChange::JPlus => Cell {
-                j: j + 1,
-                k,
-                upper: !upper,
-            },
-            LastChange::JMinus => Cell {
-                j: j - 1,
-                k,
-                upper: !upper,
-            },
-            LastChange::KPlus => Cell {
-                j,
-                k: k + 1,
-                upper: !upper,
-            },
-            LastChange::KMinus => Cell {
-                j,
-                k: k - 1,
-                upper: !upper,
-            },
+            LastChange::JPlus => Cell { j: j + 1, k, upper: !upper },
+            LastChange::JMinus => Cell { j: j - 1, k, upper: !upper },
+            LastChange::KPlus => Cell { j, k: k + 1, upper: !upper },
+            LastChange::KMinus => Cell { j, k: k - 1, upper: !upper },
         }
     }
 }
@@ -155,20 +135,8 @@ mod tests {
             assert_eq!(cells(n).count(), (n * n) as usize);
             assert!(cells(n).all(|c| Cell::unpack(c.pack()) == c));
         }
-        assert_eq!(
-            Cell {
-                j: 3,
-                k: 1,
-                upper: true
-            }
-            .pack(),
-            0x0400_2003
-        );
-        let far = Cell {
-            j: 4095,
-            k: 4095,
-            upper: true,
-        };
+        assert_eq!(Cell { j: 3, k: 1, upper: true }.pack(), 0x0400_2003);
+        let far = Cell { j: 4095, k: 4095, upper: true };
         assert_eq!(Cell::unpack(far.pack()), far);
     }
 
@@ -176,9 +144,9 @@ mod tests {
     fn point_lies_in_the_cell_of_its_floors() {
         let n = 7;
         for c in cells(n) {
-            let centroid = (0..3).map(|e| c.vertex(e)).fold((0.0, 0.0), |s, v| {
-                (s.0 + v.0 as f32 / 3.0, s.1 + v.1 as f32 / 3.0)
-            });
+            let centroid = (0..3)
+                .map(|e| c.vertex(e))
+                .fold((0.0, 0.0), |s, v| (s.0 + v.0 as f32 / 3.0, s.1 + v.1 as f32 / 3.0));
             let (beta, gamma) = (centroid.0 / n as f32, centroid.1 / n as f32);
             assert_eq!(Cell::containing(beta, gamma, n), c);
             assert_eq!(((1.0 - beta - gamma) * n as f32).floor() as u32, i(c, n));
@@ -187,38 +155,10 @@ mod tests {
 
     #[test]
     fn points_at_and_beyond_the_border_go_to_border_cells() {
-        assert_eq!(
-            Cell::containing(1.0, 0.0, 5),
-            Cell {
-                j: 4,
-                k: 0,
-                upper: false
-            }
-        );
-        assert_eq!(
-            Cell::containing(0.0, 1.5, 5),
-            Cell {
-                j: 0,
-                k: 4,
-                upper: false
-            }
-        );
-        assert_eq!(
-            Cell::containing(-0.1, -0.1, 5),
-            Cell {
-                j: 0,
-                k: 0,
-                upper: false
-            }
-        );
-        assert_eq!(
-            Cell::containing(0.7, 0.7, 5),
-            Cell {
-                j: 3,
-                k: 1,
-                upper: false
-            }
-        );
+        assert_eq!(Cell::containing(1.0, 0.0, 5), Cell { j: 4, k: 0, upper: false });
+        assert_eq!(Cell::containing(0.0, 1.5, 5), Cell { j: 0, k: 4, upper: false });
+        assert_eq!(Cell::containing(-0.1, -0.1, 5), Cell { j: 0, k: 0, upper: false });
+        assert_eq!(Cell::containing(0.7, 0.7, 5), Cell { j: 3, k: 1, upper: false });
         assert_eq!(Cell::containing(f32::NAN, 0.0, 5).pack(), 0);
     }
 
@@ -248,21 +188,11 @@ mod tests {
     #[test]
     fn the_six_changes_in_a_ring_turn_round_a_grid_point() {
         use LastChange::{IMinus, IPlus, JMinus, JPlus, KMinus, KPlus};
-        let start = Cell {
-            j: 2,
-            k: 2,
-            upper: false,
-        };
+        let start = Cell { j: 2, k: 2, upper: false };
         let ring = [IMinus, JPlus, KMinus, IPlus, JMinus, KPlus];
         let end = ring.into_iter().fold(start, |cell, change| {
-            assert!(
-                (0..3).any(|e| cell.vertex(e) == (3, 2)),
-                "{cell:?} is at the point"
-            );
-            assert!(
-                (0..3).any(|e| cell.change_across(e) == change),
-                "{change:?} leads out of {cell:?}"
-            );
+            assert!((0..3).any(|e| cell.vertex(e) == (3, 2)), "{cell:?} is at the point");
+            assert!((0..3).any(|e| cell.change_across(e) == change), "{change:?} leads out of {cell:?}");
             cell.step(change)
         });
         assert_eq!(end, start);

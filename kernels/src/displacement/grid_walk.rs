@@ -16,9 +16,10 @@
 //! zero, and the walk, which visits every cell with mixed signs, finds every hit. Where they are not, the path can
 //! cross a grid line twice between two equal signs, and a micro-triangle can lean out of its cell's column. The walk
 //! sees that coming: such a thing happens across an edge only where a flag at its ends is within a quarter of the
-//! bracket of zero. Then, and where signs are within rounding of zero (a ray through a micro-vertex, along a grid
-//! line, along the normal), and where the steps' cap is met, it gives up and [`scan`](Conic::scan)s every
-//! candidate of the prism row by row. Scans and cap hits are counted.
+//! bracket of zero. Then the neighbour across that edge is tested as well. Where even that does not settle it, where
+//! signs are within rounding of zero (a ray through a micro-vertex, along a grid line, along the normal), and where
+//! the steps' cap is met, it gives up and [`scan`](Conic::scan)s every candidate of the prism row by row. Scans
+//! and cap hits are counted.
 //!
 //! Deviations from the paper: the flags come from Q instead of a cross product a step; the exit edge follows from
 //! the three signs alone, [`LastChange`](super::cell::LastChange) being the result, not the guide; all entries into
@@ -30,7 +31,7 @@ use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField, MicroVertex};
 use crate::hit::Hit;
-use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs};
+use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs, sum_abs};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -66,11 +67,7 @@ pub fn intersect(
             rounds = MAX_EVENTS;
         }
     }
-    if doubtful {
-        conic.scan(field, base, ray, nearest, counts)
-    } else {
-        found
-    }
+    if doubtful { conic.scan(field, base, ray, nearest, counts) } else { found }
 }
 
 /// A line meets each cap once and each wall twice at most.
@@ -97,7 +94,9 @@ struct Conic {
     origin: Vec3,
     /// Its distance along the ray.
     t_origin: f32,
-    /// Length below which positions relative to the prism mean nothing, for skipping intervals.
+    /// Bound on what rounding moves a point of the surface by, relative to the ray.
+    shift: f32,
+    /// How far a micro-triangle reaches beyond the path's stay in its column: at most a cell.
     reach: f32,
     /// Ends of the lift's range, a little beyond what the surface reaches.
     lift_min: f32,
@@ -118,7 +117,7 @@ impl Conic {
         // counts as folded, and its scan takes every cell.
         let shortest = base.shortest_normal();
         let wild = shortest == 0.0;
-        let (low, high) = BaseTriangle::lift_range(&field.displacement, if wild { 1.0 } else { shortest });
+        let (low, high) = base.lift_range(if wild { 1.0 } else { shortest });
 
         // Move the origin along the ray to the prism, so that differences are of the prism's size.
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
@@ -132,11 +131,9 @@ impl Conic {
         let facing = cross(base.p1 - base.p0, base.p2 - base.p0).dot(base.n0 + base.n1 + base.n2);
         let orientation = if facing < 0.0 { -1.0 } else { 1.0 };
         let q_diagonal = Vec3::new(dot(m0, r0), dot(m1, r1), dot(m2, r2)) * orientation;
-        let q_mixed = Vec3::new(
-            dot(m1, r2) + dot(m2, r1),
-            dot(m2, r0) + dot(m0, r2),
-            dot(m0, r1) + dot(m1, r0),
-        ) * (0.5 * orientation);
+        let q_mixed =
+            Vec3::new(dot(m1, r2) + dot(m2, r1), dot(m2, r0) + dot(m0, r2), dot(m0, r1) + dot(m1, r0))
+                * (0.5 * orientation);
 
         // What bends the path and leans micro-edges out of their walls, per micro-edge of each direction.
         let per_edge = 1.0 / n as f32;
@@ -150,14 +147,19 @@ impl Conic {
             * (per_edge * per_edge);
         let twist = greatest_dots([m0, m1, m2], [d0, d1, d2]) * per_edge;
 
-        // Positions are off by some 16 roundings of the largest coordinate involved (interpolation 4, moved origin 3,
-        // translation, shear and edge functions of the triangle test 6), directions v x n by 2; |m| <= |n| <= 1.
-        let coordinate = max_abs(ray.origin) + t_origin.abs() + max_abs(base.p0) + extent;
-        let steepness = max_abs(m0).max(max_abs(m1)).max(max_abs(m2));
-        let offset = max_abs(r0).max(max_abs(r1)).max(max_abs(r2));
-        let rounding = UNIT_ROUNDOFF * (2.0 * 16.0 * coordinate * steepness + 32.0 * (offset + extent));
+        // What rounding moves a micro-vertex by, relative to the ray: interpolation (3 fused operations on weights that
+        // Vulkan's division leaves off by 3 u) and lift, 8 u of the largest coordinate; translation, shear and its
+        // division in the triangle test, 6 u of the distance; the moved origin, 2 u of itself.
+        let coordinate = max_abs(base.p0).max(max_abs(base.p1)).max(max_abs(base.p2)) + extent;
+        let shift =
+            UNIT_ROUNDOFF * (8.0 * coordinate + 6.0 * (t_origin.abs() + extent) + 2.0 * max_abs(origin));
+        // A flag is m . (o - p): off by |m| times that shift, by 16 roundings of its own, and by the triangle test's
+        // direction, whose shear is off by 4 u.
+        let steepness = sum_abs(m0).max(sum_abs(m1)).max(sum_abs(m2));
+        let offset = max_abs(r0).max(max_abs(r1)).max(max_abs(r2)) + extent;
+        let rounding = steepness * (shift + 16.0 * UNIT_ROUNDOFF * offset) + 4.0 * UNIT_ROUNDOFF * offset;
 
-        let margin = 1e-3 * (high - low) + 16.0 * UNIT_ROUNDOFF * coordinate;
+        let margin = 1e-3 * (high - low) + shift;
         Conic {
             q_diagonal,
             q_mixed,
@@ -167,7 +169,8 @@ impl Conic {
             rounding,
             origin,
             t_origin,
-            reach: extent * per_edge + 16.0 * UNIT_ROUNDOFF * coordinate,
+            shift,
+            reach: extent * per_edge + shift,
             lift_min: low - margin,
             lift_max: high + margin,
             wild,
@@ -194,11 +197,7 @@ impl Conic {
         let (j0, k0) = cell.vertex(0);
         let (j1, k1) = cell.vertex(1);
         let (j2, k2) = cell.vertex(2);
-        Vec3::new(
-            self.grid_flag(j0, k0),
-            self.grid_flag(j1, k1),
-            self.grid_flag(j2, k2),
-        )
+        Vec3::new(self.grid_flag(j0, k0), self.grid_flag(j1, k1), self.grid_flag(j2, k2))
     }
 
     /// Half-width of the band of flags that are near zero for a micro-edge of direction `e` whose lifts differ by
@@ -206,6 +205,12 @@ impl Conic {
     #[inline]
     fn doubt(&self, e: u32, lift_difference: f32) -> f32 {
         0.25 * (component(self.bend, e) + lift_difference.abs() * component(self.twist, e)) + self.rounding
+    }
+
+    /// Bound on the bracket of any micro-edge in the prism.
+    #[inline]
+    fn widest_bracket(&self) -> f32 {
+        self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element()
     }
 
     /// Whether columns over the triangle may overlap within the prism, so that signs no longer tell left from right.
@@ -244,11 +249,7 @@ impl Conic {
     ) -> Hit {
         counts.scans += 1;
         let widest = self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element();
-        let band = if self.wild {
-            f32::INFINITY
-        } else {
-            widest * (1.0 / 3.0) + self.rounding
-        };
+        let band = if self.wild { f32::INFINITY } else { widest * (1.0 / 3.0) + self.rounding };
         let mut nearest = nearest;
         let mut j = 0;
         while j < self.n {
@@ -256,11 +257,7 @@ impl Conic {
             let (first, last) = self.candidates_of_strip(j, band);
             let mut i = 2 * first;
             while i <= (2 * last + 1).min(2 * (self.n - 1 - j)) {
-                let cell = Cell {
-                    j,
-                    k: i >> 1,
-                    upper: i & 1 != 0,
-                };
+                let cell = Cell { j, k: i >> 1, upper: i & 1 != 0 };
                 if self.is_candidate(cell, band) {
                     let [a, b, c] = base.micro_triangle(field, cell);
                     nearest = base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest);
@@ -284,10 +281,7 @@ impl Conic {
     #[inline]
     fn candidates_of_strip(&self, j: u32, band: f32) -> (u32, u32) {
         let n = self.n as f32;
-        let mut range = Range {
-            min: f32::INFINITY,
-            max: f32::NEG_INFINITY,
-        };
+        let mut range = Range { min: f32::INFINITY, max: f32::NEG_INFINITY };
         let mut row = j;
         while row <= j + 1 {
             // f on the row, as a polynomial in gamma, from its ends and its middle (Bernstein coefficients).
@@ -341,10 +335,7 @@ struct Range {
 impl Range {
     #[inline]
     fn with(self, x: f32) -> Self {
-        Range {
-            min: self.min.min(x),
-            max: self.max.max(x),
-        }
+        Range { min: self.min.min(x), max: self.max.max(x) }
     }
 
     /// Includes the roots in [0, length] of the quadratic with Bernstein coefficients a, b, c.
@@ -362,11 +353,7 @@ impl Range {
 
     #[inline]
     fn with_root(self, s: f32, length: f32) -> Self {
-        if s >= 0.0 && s <= 1.0 {
-            self.with(s * length)
-        } else {
-            self
-        }
+        if s >= 0.0 && s <= 1.0 { self.with(s * length) } else { self }
     }
 }
 
@@ -382,11 +369,7 @@ struct Event {
 }
 
 impl Event {
-    const NONE: Event = Event {
-        t: f32::NAN,
-        cell: NO_CELL,
-        through_cap: false,
-    };
+    const NONE: Event = Event { t: f32::NAN, cell: NO_CELL, through_cap: false };
 
     #[inline]
     fn is_some(&self) -> bool {
@@ -453,7 +436,7 @@ impl Entries {
         let (b1, b2) = (dot(s, p) / det, dot(ray.direction, q) / det);
         // Accepted beyond the rim by what rounding can move it: a second entry there costs a short walk, none a hole.
         let size = max_abs(e1).max(max_abs(e2));
-        let tolerance = 1e-6 + conic.rounding_of_position() * size / det.abs();
+        let tolerance = 1e-6 + conic.shift * size / det.abs();
         if b1 >= -tolerance && b2 >= -tolerance && b1 + b2 <= 1.0 + tolerance {
             // A cell that is not known to within its neighbours is no place to start from.
             self.doubtful = self.doubtful || tolerance * conic.n as f32 > 0.5;
@@ -465,10 +448,7 @@ impl Entries {
     /// Wall `e` from vertex a to vertex b (counter-clockwise seen along the normals where the orientation is
     /// positive): the ruled surface over the edge, cut off at the caps.
     #[inline]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a wall is two vertices, each a point and a direction"
-    )]
+    #[expect(clippy::too_many_arguments, reason = "a wall is two vertices, each a point and a direction")]
     fn add_wall(
         &mut self,
         conic: &Conic,
@@ -488,12 +468,7 @@ impl Entries {
         let extremum = (fa - fm) / square;
         let touches = extremum > 0.0 && extremum < 1.0 && (fa + (fm - fa) * extremum).abs() <= band;
         self.doubtful = self.doubtful || touches || fa.abs() <= band || fb.abs() <= band;
-        let patch = BilinearPatch {
-            q00: pa,
-            q10: pb,
-            q01: pa + na,
-            q11: pb + nb,
-        };
+        let patch = BilinearPatch { q00: pa, q10: pb, q01: pa + na, q11: pb + nb };
         let (first, second) = patch.intersect_line(conic.origin, ray.direction);
         let length = max_abs(pb - pa);
         self.add_wall_hit(conic, e, first, fm - fa, square, length);
@@ -513,7 +488,7 @@ impl Entries {
         // Half the flag's derivative along the edge, which is also the ray's speed across the wall, per lift, times
         // the edge's length. A ray that runs along the wall within rounding of it may cross it beyond a cap only.
         let crossing = half_slope + square * hit.u;
-        let tolerance = conic.rounding_of_position() * length / crossing.abs();
+        let tolerance = conic.shift * length / crossing.abs();
         if !hit.is_some() || hit.v < conic.lift_min - tolerance || hit.v > conic.lift_max + tolerance {
             return;
         }
@@ -524,32 +499,15 @@ impl Entries {
         let last = conic.n - 1;
         let along = ((hit.u * conic.n as f32) as u32).min(last);
         let cell = if e == 0 {
-            Cell {
-                j: last - along,
-                k: along,
-                upper: false,
-            }
+            Cell { j: last - along, k: along, upper: false }
         } else if e == 1 {
-            Cell {
-                j: 0,
-                k: last - along,
-                upper: false,
-            }
+            Cell { j: 0, k: last - along, upper: false }
         } else {
-            Cell {
-                j: along,
-                k: 0,
-                upper: false,
-            }
+            Cell { j: along, k: 0, upper: false }
         };
         // Falling flags, (+, -) counter-clockwise, lead into the prism.
         let entering = crossing < 0.0;
-        self.push(
-            hit.t,
-            if entering { cell.pack() } else { NO_CELL },
-            entering,
-            false,
-        );
+        self.push(hit.t, if entering { cell.pack() } else { NO_CELL }, entering, false);
     }
 
     /// The first entry after `t`.
@@ -562,14 +520,7 @@ impl Entries {
     #[inline]
     fn exit_after(&self, t: f32) -> Event {
         let exit = self.first_after(t, !self.entering);
-        if exit.is_some() {
-            exit
-        } else {
-            Event {
-                t: f32::INFINITY,
-                ..Event::NONE
-            }
-        }
+        if exit.is_some() { exit } else { Event { t: f32::INFINITY, ..Event::NONE } }
     }
 
     #[inline]
@@ -579,23 +530,11 @@ impl Entries {
         while i < self.count {
             let ti = self.t[i as usize];
             if mask >> i & 1 != 0 && ti > t && !(ti >= first.t) {
-                first = Event {
-                    t: ti,
-                    cell: self.cell[i as usize],
-                    through_cap: self.on_cap >> i & 1 != 0,
-                };
+                first = Event { t: ti, cell: self.cell[i as usize], through_cap: self.on_cap >> i & 1 != 0 };
             }
             i += 1;
         }
         first
-    }
-}
-
-impl Conic {
-    /// What rounding can move a point of the prism by, in model units.
-    #[inline]
-    fn rounding_of_position(&self) -> f32 {
-        64.0 * UNIT_ROUNDOFF * (max_abs(self.origin) + self.t_origin.abs() + self.reach * self.n as f32)
     }
 }
 
@@ -608,10 +547,7 @@ struct Walk {
 
 /// Walks from an entry until the path leaves the grid, the exit's cell or the cell of a hit is passed, or doubt.
 #[inline]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a walk needs the prism, the ray and both ends"
-)]
+#[expect(clippy::too_many_arguments, reason = "a walk needs the prism, the ray and both ends")]
 fn walk(
     conic: &Conic,
     field: &HeightField<'_>,
@@ -632,49 +568,58 @@ fn walk(
         }
     }
     let [a, b, c] = base.micro_triangle(field, cell);
-    let mut corners = Corners {
-        a,
-        b,
-        c,
-        flags: conic.cell_flags(cell),
-    };
+    let mut corners = Corners { a, b, c, flags: conic.cell_flags(cell) };
 
-    // A quadratic crosses each of the 3 (N+1) grid lines at most twice, and each step crosses one.
-    let cap = 6 * (n + 1);
-    let mut found = nearest;
-    let mut passed = false;
+    // A quadratic crosses each of the 3 (N+1) grid lines at most twice, each step crosses one, and from each cell at
+    // most one neighbour is tested aside.
+    let cap = 12 * (n + 1);
+    let mut found = corners.intersect(base, ray, cell, nearest);
+    let mut judgement = corners.judge(conic);
+    let mut passed = found != nearest || cell.pack() == exit_cell;
     let mut going = true;
-    let mut doubtful = corners.doubtful(conic);
     let mut steps = 0;
-    while going && !doubtful && steps < cap {
-        counts.cells += 1;
-        counts.triangles += 1;
-        let before = found;
-        found = base.intersect_cell(
-            ray,
-            cell,
-            corners.a.position,
-            corners.b.position,
-            corners.c.position,
-            found,
-        );
-        let e = edge_to_negative(-corners.flags);
+    counts.cells += 1;
+    counts.triangles += 1;
+    while going && !judgement.doubtful && steps < cap {
+        let aside = judgement.aside < 3;
+        let e = if aside { judgement.aside } else { edge_to_negative(-corners.flags) };
         let change = cell.change_across(e);
-        going = !(passed || cell.leaves_grid(change, n));
-        passed = found != before || cell.pack() == exit_cell;
-        if going {
-            cell = cell.step(change);
-            corners = corners.stepped(conic, field, base, cell, e);
-            doubtful = corners.doubtful(conic);
+        judgement.aside = 3;
+        if !cell.leaves_grid(change, n) {
+            let next = cell.step(change);
+            let next_corners = corners.stepped(conic, field, base, next, e);
+            let before = found;
+            found = next_corners.intersect(base, ray, next, found);
+            counts.triangles += 1;
+            if aside {
+                judgement.doubtful = next_corners.goes_on_beyond(conic, e);
+            } else {
+                going = !passed;
+                cell = next;
+                corners = next_corners;
+                judgement = corners.judge(conic);
+                counts.cells += 1;
+            }
+            passed = passed || found != before || cell.pack() == exit_cell;
+        } else {
+            // Beyond the rim there is nothing to test aside; the path ends there.
+            going = aside;
         }
         steps += 1;
     }
     let capped = going && steps == cap;
     counts.cap_hits += capped as u32;
-    Walk {
-        nearest: found,
-        doubtful: doubtful || capped,
-    }
+    Walk { nearest: found, doubtful: judgement.doubtful || capped }
+}
+
+/// What the signs of a cell leave open.
+#[derive(Clone, Copy)]
+struct Judgement {
+    /// The edge of equal signs, where the path or the surface may come and go unseen across it: the neighbour there
+    /// must be tested too. 3 where there is none.
+    aside: u32,
+    /// Signs cannot decide.
+    doubtful: bool,
 }
 
 /// The vertices of the current cell with their flags.
@@ -702,53 +647,47 @@ impl Corners {
         let flag = conic.grid_flag(j, k);
         let Corners { a, b, c, flags } = self;
         if e == 0 {
-            Corners {
-                a: new,
-                b: c,
-                c: b,
-                flags: Vec3::new(flag, flags.z, flags.y),
-            }
+            Corners { a: new, b: c, c: b, flags: Vec3::new(flag, flags.z, flags.y) }
         } else if e == 1 {
-            Corners {
-                a: c,
-                b: new,
-                c: a,
-                flags: Vec3::new(flags.z, flag, flags.x),
-            }
+            Corners { a: c, b: new, c: a, flags: Vec3::new(flags.z, flag, flags.x) }
         } else {
-            Corners {
-                a: b,
-                b: a,
-                c: new,
-                flags: Vec3::new(flags.y, flags.x, flag),
-            }
+            Corners { a: b, b: a, c: new, flags: Vec3::new(flags.y, flags.x, flag) }
         }
     }
 
-    /// Whether signs cannot decide what happens in this cell: all are equal, one is within rounding of zero, or
-    /// across the edge of equal signs the path or the surface may come and go unseen.
+    /// The nearer of `nearest` and the hit on this cell's micro-triangle.
     #[inline]
-    fn doubtful(&self, conic: &Conic) -> bool {
+    fn intersect(&self, base: &BaseTriangle, ray: &TraversalRay, cell: Cell, nearest: Hit) -> Hit {
+        base.intersect_cell(ray, cell, self.a.position, self.b.position, self.c.position, nearest)
+    }
+
+    /// Whether signs decide what happens in this cell. They do not where all are equal or one is within rounding of
+    /// zero.
+    #[inline]
+    fn judge(&self, conic: &Conic) -> Judgement {
         let (x, y, z) = (self.flags.x >= 0.0, self.flags.y >= 0.0, self.flags.z >= 0.0);
         let magnitude = self.flags.abs();
         // The edge of equal signs lies across the vertex of the odd one.
-        let (near, doubt) = if y == z {
-            (
-                magnitude.y.min(magnitude.z),
-                conic.doubt(0, self.b.lift - self.c.lift),
-            )
+        let (edge, near, lifts) = if y == z {
+            (0, magnitude.y.min(magnitude.z), self.b.lift - self.c.lift)
         } else if x == z {
-            (
-                magnitude.x.min(magnitude.z),
-                conic.doubt(1, self.c.lift - self.a.lift),
-            )
+            (1, magnitude.x.min(magnitude.z), self.c.lift - self.a.lift)
         } else {
-            (
-                magnitude.x.min(magnitude.y),
-                conic.doubt(2, self.a.lift - self.b.lift),
-            )
+            (2, magnitude.x.min(magnitude.y), self.a.lift - self.b.lift)
         };
-        x == y && y == z || magnitude.min_element() <= conic.rounding || near <= doubt
+        Judgement {
+            aside: if near <= conic.doubt(edge, lifts) { edge } else { 3 },
+            doubtful: x == y && y == z || magnitude.min_element() <= conic.rounding,
+        }
+    }
+
+    /// Whether what came across edge `e` into this cell, tested aside, may go on into its other neighbours: unless the
+    /// new vertex is on the same side as the edge, clear of anything's reach, signs do not tell.
+    #[inline]
+    fn goes_on_beyond(&self, conic: &Conic, e: u32) -> bool {
+        let new = component(self.flags, e);
+        let edge = component(self.flags, if e == 0 { 1 } else { 0 });
+        (new >= 0.0) != (edge >= 0.0) || new.abs() <= 0.25 * conic.widest_bracket() + conic.rounding
     }
 }
 
@@ -845,12 +784,11 @@ mod tests {
                 triangle: Triangle {
                     vertices: [0, 1, 2],
                     flags: 0,
+                    height_min: displacement.height_min,
+                    height_max: displacement.height_max,
                 },
                 texels: texels.into_iter().map(f32::to_bits).collect(),
-                frame: Frame {
-                    displacement,
-                    ..Frame::default()
-                },
+                frame: Frame { displacement, ..Frame::default() },
             }
         }
 
@@ -923,7 +861,9 @@ mod tests {
         TraversalRay::new(origin, (target - origin).normalize(), f32::INFINITY)
     }
 
-    fn compare(seed: u32, count: u32, spread: f32, relief: f32) {
+    /// Walks and brute force on `count` prisms with 20 rays each, a fifth aimed at micro-vertices and micro-edges, a
+    /// tenth exactly along a normal: those are scanned. `most_scans`: share of prisms that may be.
+    fn compare(seed: u32, count: u32, spread: f32, relief: f32, most_scans: f64) {
         let mut numbers = Numbers::new(seed);
         let (mut hits, mut differ, mut total) = (0u64, 0u64, Counts::default());
         let mut first = String::new();
@@ -945,31 +885,29 @@ mod tests {
                 }
             }
         }
-        println!(
-            "{} rays, {hits} hits, {} scans, {} cap hits, {differ} differ",
-            total.prisms, total.scans, total.cap_hits
-        );
         assert!(hits > u64::from(count), "the rays are no test: {hits} hits");
         assert_eq!(differ, 0, "first: {first}");
+        // A walk that always gave up would be exact too.
+        assert!(f64::from(total.scans) < most_scans * f64::from(total.prisms), "{total:?}");
     }
 
     #[test]
     fn parallel_normals() {
-        compare(1, 20_000, 0.0, 0.3);
+        compare(1, 20_000, 0.0, 0.3, 0.25);
     }
 
     #[test]
     fn leaning_normals() {
-        compare(2, 20_000, 0.3, 0.3);
+        compare(2, 20_000, 0.3, 0.3, 0.3);
     }
 
     #[test]
     fn gently_leaning_normals() {
-        compare(3, 20_000, 0.05, 0.1);
+        compare(3, 20_000, 0.05, 0.1, 0.25);
     }
 
     #[test]
     fn wild_normals() {
-        compare(4, 10_000, 1.5, 1.0);
+        compare(4, 10_000, 1.5, 1.0, 1.0);
     }
 }

@@ -70,10 +70,7 @@ mod tests {
     fn a_device_asked_for_is_not_replaced() {
         for choice in [BackendChoice::Auto, BackendChoice::Vulkan] {
             let error = open_backend(choice, Some("no such device"), false).err();
-            assert!(
-                matches!(error, Some(BackendError::NoDevice { .. })),
-                "{choice:?}: {error:?}"
-            );
+            assert!(matches!(error, Some(BackendError::NoDevice { .. })), "{choice:?}: {error:?}");
         }
     }
 

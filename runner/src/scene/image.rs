@@ -1,5 +1,7 @@
 //! Height and colour maps out of image files.
 
+mod single_channel;
+
 use super::{ColorMap, HeightMap, SceneError};
 use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use emboss_kernels::interface::{color_format, height_format};
@@ -26,63 +28,35 @@ const SRGB_CODES: usize = 256;
 /// not read. `invert` replaces each texel by 1 - texel, exactly for integers. NaN and infinite texels become `zero`,
 /// the texel value of no displacement, and are counted in [`HeightMap::replaced`].
 pub fn load_height_map(path: &Path, zero: f32, invert: bool) -> Result<HeightMap, SceneError> {
-    let image = decode(path)?;
-    let channels = usize::from(image.color().channel_count());
-    let (width, height) = (image.width(), image.height());
-    let packed = match samples(&image) {
-        Samples::Unorm8(codes) => pack_codes(codes, channels, invert),
-        Samples::Unorm16(codes) => pack_codes(codes, channels, invert),
+    let Picture { width, height, channels, samples } = decode(path)?;
+    let packed = match samples {
+        Samples::Unorm8(codes) => pack_codes(&codes, channels, invert),
+        Samples::Unorm16(codes) => pack_codes(&codes, channels, invert),
         Samples::Float32(values) => pack_floats(values.chunks_exact(channels).map(grey_float), zero, invert),
     };
-    let Packed {
-        format,
-        texels,
-        range,
-        replaced,
-    } = packed;
-    Ok(HeightMap {
-        width,
-        height,
-        format,
-        texels,
-        range,
-        replaced,
-    })
+    let Packed { format, texels, range, replaced } = packed;
+    Ok(HeightMap { width, height, format, texels, range, replaced })
 }
 
 /// Loads a colour map: 8 bits a channel stay in sRGB, 16 bits are taken for sRGB and decoded to linear floats, and
 /// floats (EXR, HDR, TIFF) are linear as they are. Alpha is not read. NaN and infinite values become 0, and a warning
 /// counts them.
 pub fn load_color_map(path: &Path) -> Result<ColorMap, SceneError> {
-    let image = decode(path)?;
-    let channels = usize::from(image.color().channel_count());
-    let (width, height) = (image.width(), image.height());
-    let (format, texels) = match samples(&image) {
-        Samples::Unorm8(codes) => (
-            color_format::SRGB8,
-            pack_srgb8(codes.chunks_exact(channels).map(rgb)),
-        ),
-        Samples::Unorm16(codes) => (
-            color_format::FLOAT32,
-            decode_srgb16(codes.chunks_exact(channels).map(rgb)),
-        ),
+    let Picture { width, height, channels, samples } = decode(path)?;
+    let (format, texels) = match samples {
+        Samples::Unorm8(codes) => (color_format::SRGB8, pack_srgb8(codes.chunks_exact(channels).map(rgb))),
+        Samples::Unorm16(codes) => {
+            (color_format::FLOAT32, decode_srgb16(codes.chunks_exact(channels).map(rgb)))
+        }
         Samples::Float32(values) => {
             let (texels, replaced) = finite_words(values.chunks_exact(channels).map(rgb));
             if replaced > 0 {
-                warn!(
-                    "{}: {replaced} values are NaN or infinite; 0 is used instead",
-                    path.display()
-                );
+                warn!("{}: {replaced} values are NaN or infinite; 0 is used instead", path.display());
             }
             (color_format::FLOAT32, texels)
         }
     };
-    Ok(ColorMap {
-        width,
-        height,
-        format,
-        texels,
-    })
+    Ok(ColorMap { width, height, format, texels })
 }
 
 impl HeightMap {
@@ -101,20 +75,8 @@ impl HeightMap {
     /// A map of 16-bit texels out of numbers in [0,1] (others are clamped), row by row from the top. `width` and
     /// `height` are at least 1, and there are as many numbers as texels.
     pub(super) fn from_unit(width: u32, height: u32, texels: impl ExactSizeIterator<Item = f32>) -> Self {
-        let Packed {
-            format,
-            texels,
-            range,
-            replaced,
-        } = pack_grey(texels.map(u16::from_unit));
-        Self {
-            width,
-            height,
-            format,
-            texels,
-            range,
-            replaced,
-        }
+        let Packed { format, texels, range, replaced } = pack_grey(texels.map(u16::from_unit));
+        Self { width, height, format, texels, range, replaced }
     }
 
     /// Whether its texels have only 256 values, so that a smooth slope becomes a staircase.
@@ -138,12 +100,7 @@ impl ColorMap {
     /// `height` are at least 1, and there are as many colours as texels.
     pub(super) fn from_linear(width: u32, height: u32, colors: impl ExactSizeIterator<Item = Vec3>) -> Self {
         let codes = colors.map(|color| color.to_array().map(|c| u8::from_unit(srgb_from_linear(c))));
-        Self {
-            width,
-            height,
-            format: color_format::SRGB8,
-            texels: pack_srgb8(codes),
-        }
+        Self { width, height, format: color_format::SRGB8, texels: pack_srgb8(codes) }
     }
 }
 
@@ -151,34 +108,29 @@ impl ColorMap {
 pub(super) fn per_texel<T: Send>(width: u32, height: u32, f: impl Fn(f32, f32) -> T + Sync) -> Vec<T> {
     use rayon::prelude::*;
     let center = |i: u32, count: u32| (i as f32 + 0.5) / count as f32;
-    let row = |y| {
-        (0..width)
-            .map(|x| f(center(x, width), 1.0 - center(y, height)))
-            .collect::<Vec<T>>()
-    };
+    let row = |y| (0..width).map(|x| f(center(x, width), 1.0 - center(y, height))).collect::<Vec<T>>();
     (0..height).into_par_iter().flat_map_iter(row).collect()
 }
 
 /// Decodes an image file, whose format its first bytes tell.
-fn decode(path: &Path) -> Result<DynamicImage, SceneError> {
-    let unreadable = |source| SceneError::Unreadable {
-        path: path.into(),
-        source,
-    };
+fn decode(path: &Path) -> Result<Picture, SceneError> {
+    let unreadable = |source| SceneError::Unreadable { path: path.into(), source };
     let file = File::open(path).map_err(unreadable)?;
-    let mut reader = ImageReader::new(BufReader::new(file))
-        .with_guessed_format()
-        .map_err(unreadable)?;
-    if reader.format().is_none() {
+    let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(unreadable)?;
+    let Some(format) = reader.format() else {
         return Err(SceneError::NotAnImage { path: path.into() });
-    }
+    };
     reader.limits(limits());
-    let decoder = reader
-        .into_decoder()
-        .map_err(|source| decode_error(path, source))?;
+    let decoder = match reader.into_decoder() {
+        Ok(decoder) => decoder,
+        Err(source) => {
+            return single_channel::decode(path, format).ok_or_else(|| decode_error(path, source))?;
+        }
+    };
     let (width, height) = decoder.dimensions();
     check_size(path, width, height)?;
-    DynamicImage::from_decoder(decoder).map_err(|source| decode_error(path, source))
+    let image = DynamicImage::from_decoder(decoder).map_err(|source| decode_error(path, source))?;
+    Ok(Picture::of(image))
 }
 
 /// What a decoder may use: room for the largest map in 16-byte texels, which are 16 GiB that only a file of that
@@ -197,48 +149,56 @@ fn decode_error(path: &Path, source: ImageError) -> SceneError {
         {
             SceneError::NotAnImage { path: path.into() }
         }
-        source => SceneError::Decode {
-            path: path.into(),
-            source,
-        },
+        source => SceneError::Decode { path: path.into(), source },
     }
 }
 
 /// Refuses maps without texels and those that kernels cannot address.
 fn check_size(path: &Path, width: u32, height: u32) -> Result<(), SceneError> {
     if width == 0 || height == 0 {
-        return Err(SceneError::NoTexels {
-            path: path.into(),
-            width,
-            height,
-        });
+        return Err(SceneError::NoTexels { path: path.into(), width, height });
     }
     if width.max(height) > MAX_SIDE {
-        return Err(SceneError::TooManyTexels {
-            path: path.into(),
-            width,
-            height,
-            limit: MAX_SIDE,
-        });
+        return Err(SceneError::TooManyTexels { path: path.into(), width, height, limit: MAX_SIDE });
     }
     Ok(())
 }
 
-/// The values of an image, channel after channel, texel after texel.
-enum Samples<'a> {
-    Unorm8(&'a [u8]),
-    Unorm16(&'a [u16]),
-    Float32(&'a [f32]),
+/// A decoded image, top row first.
+struct Picture {
+    width: u32,
+    height: u32,
+    /// Values of a texel, 1 to 4.
+    channels: usize,
+    samples: Samples,
 }
 
-/// The values of an image.
-fn samples(image: &DynamicImage) -> Samples<'_> {
-    if let Some(flat) = image.as_flat_samples_u8() {
-        Samples::Unorm8(flat.samples)
-    } else if let Some(flat) = image.as_flat_samples_u16() {
-        Samples::Unorm16(flat.samples)
-    } else {
-        Samples::Float32(image.as_flat_samples_f32().map_or(&[], |flat| flat.samples))
+/// The values of an image, channel after channel, texel after texel.
+enum Samples {
+    Unorm8(Vec<u8>),
+    Unorm16(Vec<u16>),
+    Float32(Vec<f32>),
+}
+
+impl Picture {
+    /// The values of an image, without a copy.
+    fn of(image: DynamicImage) -> Self {
+        use DynamicImage as D;
+        let (width, height) = (image.width(), image.height());
+        let (channels, samples) = match image {
+            D::ImageLuma8(buffer) => (1, Samples::Unorm8(buffer.into_raw())),
+            D::ImageLumaA8(buffer) => (2, Samples::Unorm8(buffer.into_raw())),
+            D::ImageRgb8(buffer) => (3, Samples::Unorm8(buffer.into_raw())),
+            D::ImageRgba8(buffer) => (4, Samples::Unorm8(buffer.into_raw())),
+            D::ImageLuma16(buffer) => (1, Samples::Unorm16(buffer.into_raw())),
+            D::ImageLumaA16(buffer) => (2, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgb16(buffer) => (3, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgba16(buffer) => (4, Samples::Unorm16(buffer.into_raw())),
+            D::ImageRgb32F(buffer) => (3, Samples::Float32(buffer.into_raw())),
+            // The widest of today's kinds, to which those to come convert.
+            image => (4, Samples::Float32(image.into_rgba32f().into_raw())),
+        };
+        Self { width, height, channels, samples }
     }
 }
 
@@ -338,12 +298,7 @@ fn pack_grey<T: Code>(codes: impl ExactSizeIterator<Item = T>) -> Packed {
         range = Some(range.map_or((code, code), |(min, max)| (min.min(code), max.max(code))));
     }
     let range = range.map_or((0.0, 0.0), |(min, max)| (min.to_unit(), max.to_unit()));
-    Packed {
-        format: T::FORMAT,
-        texels,
-        range,
-        replaced: 0,
-    }
+    Packed { format: T::FORMAT, texels, range, replaced: 0 }
 }
 
 /// Packs floats; those that are NaN or infinite become `zero`.
@@ -360,12 +315,7 @@ fn pack_floats(values: impl ExactSizeIterator<Item = f32>, zero: f32, invert: bo
         range = (range.0.min(texel), range.1.max(texel));
         texels.push(texel.to_bits());
     }
-    Packed {
-        format: height_format::FLOAT32,
-        texels,
-        range,
-        replaced,
-    }
+    Packed { format: height_format::FLOAT32, texels, range, replaced }
 }
 
 /// A texel's value: where its channels agree that, else its luminance.
@@ -375,10 +325,7 @@ fn grey_float(texel: &[f32]) -> f32 {
         return r;
     }
     let luminance = LUMINANCE[0] * f64::from(r) + LUMINANCE[1] * f64::from(g) + LUMINANCE[2] * f64::from(b);
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the sum is rounded to the texels' precision"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "the sum is rounded to the texels' precision")]
     {
         luminance as f32
     }
@@ -394,9 +341,7 @@ fn pack_srgb8(texels: impl ExactSizeIterator<Item = [u8; 3]>) -> Vec<u32> {
 
 /// The words of a [`color_format::FLOAT32`] map, from sRGB in 16 bits.
 fn decode_srgb16(texels: impl ExactSizeIterator<Item = [u16; 3]>) -> Vec<u32> {
-    let linear: Vec<u32> = (0..=u16::MAX)
-        .map(|code| linear_from_srgb(code.to_unit()).to_bits())
-        .collect();
+    let linear: Vec<u32> = (0..=u16::MAX).map(|code| linear_from_srgb(code.to_unit()).to_bits()).collect();
     let mut words = Vec::with_capacity(3 * texels.len());
     words.extend(texels.flatten().map(|code| linear[usize::from(code)]));
     words
@@ -415,20 +360,12 @@ fn finite_words(texels: impl ExactSizeIterator<Item = [f32; 3]>) -> (Vec<u32>, u
 
 /// Decodes an sRGB value in [0,1] to linear light (IEC 61966-2-1).
 fn linear_from_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
 /// The inverse of [`linear_from_srgb`].
 fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        linear * 12.92
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]

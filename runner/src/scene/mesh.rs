@@ -38,17 +38,13 @@ impl Mesh {
         let indices: Vec<[u32; 3]> = faces
             .iter()
             .map(|face| {
-                face.vertices
-                    .map(|v| unified.insert(vertices[v as usize], positions[v as usize], &normals))
+                face.vertices.map(|v| unified.insert(vertices[v as usize], positions[v as usize], &normals))
             })
             .collect();
         let (vertices, new_index) = unified.into_sorted();
         Self {
             vertices,
-            triangles: indices
-                .iter()
-                .map(|t| oriented(t.map(|v| new_index[v as usize])))
-                .collect(),
+            triangles: indices.iter().map(|t| oriented(t.map(|v| new_index[v as usize]))).collect(),
             dropped: triangles.len() - faces.len(),
         }
     }
@@ -56,9 +52,11 @@ impl Mesh {
     /// The corners of the mesh's box, least first; `None` where it has no vertex.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let first = self.vertices.first()?.position;
-        Some(self.vertices.iter().fold((first, first), |(min, max), v| {
-            (min.min(v.position), max.max(v.position))
-        }))
+        Some(
+            self.vertices
+                .iter()
+                .fold((first, first), |(min, max), v| (min.min(v.position), max.max(v.position))),
+        )
     }
 }
 
@@ -66,10 +64,7 @@ impl Mesh {
 fn face(vertices: &[Vertex], triangle: [u32; 3]) -> Option<Face> {
     let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position.as_dvec3());
     let area_normal = (p1 - p0).cross(p2 - p0);
-    (area_normal != DVec3::ZERO).then_some(Face {
-        vertices: triangle,
-        area_normal,
-    })
+    (area_normal != DVec3::ZERO).then_some(Face { vertices: triangle, area_normal })
 }
 
 /// For each vertex the number of its position, in order of first use by a face; vertices without a face get 0.
@@ -85,11 +80,7 @@ fn weld_positions(vertices: &[Vertex], faces: &[Face]) -> Vec<u32> {
 
 /// The unit normal of each welded position: see [`Mesh::from_triangles`].
 fn computed_normals(position_of: &[u32], faces: &[Face]) -> Vec<Vec3> {
-    let count = faces
-        .iter()
-        .flat_map(|f| f.vertices)
-        .map(|v| position_of[v as usize] as usize + 1)
-        .max();
+    let count = faces.iter().flat_map(|f| f.vertices).map(|v| position_of[v as usize] as usize + 1).max();
     let mut sums = vec![NormalSum::default(); count.unwrap_or(0)];
     for face in faces {
         for v in face.vertices {
@@ -123,9 +114,7 @@ impl NormalSum {
     /// The mean's direction, or the first face's where they cancel.
     fn unit(&self) -> Vec3 {
         let cancelled = self.sum.length() <= CANCELLED * self.length;
-        (if cancelled { self.first } else { self.sum })
-            .normalize_or_zero()
-            .as_vec3()
+        (if cancelled { self.first } else { self.sum }).normalize_or_zero().as_vec3()
     }
 }
 
@@ -140,11 +129,7 @@ impl Unified {
     /// The index of `vertex` with its final normal, added where it is new.
     fn insert(&mut self, vertex: Vertex, position: u32, normals: &[Vec3]) -> u32 {
         let given = vertex.normal.as_dvec3().normalize_or_zero().as_vec3();
-        let normal = if given == Vec3::ZERO {
-            normals[position as usize]
-        } else {
-            given
-        };
+        let normal = if given == Vec3::ZERO { normals[position as usize] } else { given };
         let vertex = Vertex { normal, ..vertex };
         let [[x, y, z], [nx, ny, nz]] = [vertex.position, normal].map(bits);
         let key = [x, y, z, nx, ny, nz, float_bits(vertex.u), float_bits(vertex.v)];
@@ -163,10 +148,7 @@ impl Unified {
         for (new, &old) in order.iter().enumerate() {
             new_index[old as usize] = index(new);
         }
-        (
-            order.iter().map(|&v| self.vertices[v as usize].1).collect(),
-            new_index,
-        )
+        (order.iter().map(|&v| self.vertices[v as usize].1).collect(), new_index)
     }
 }
 
@@ -179,6 +161,7 @@ fn oriented(vertices: [u32; 3]) -> Triangle {
     Triangle {
         vertices: ascending,
         flags: if inversions % 2 == 1 { FLIPPED } else { 0 },
+        ..Triangle::default()
     }
 }
 
@@ -202,12 +185,7 @@ mod tests {
     use super::*;
 
     fn vertex(position: [f32; 3], normal: [f32; 3], u: f32, v: f32) -> Vertex {
-        Vertex {
-            position: position.into(),
-            normal: normal.into(),
-            u,
-            v,
-        }
+        Vertex { position: position.into(), normal: normal.into(), u, v }
     }
 
     /// Two triangles that share the edge (1,0,0)-(0,1,0), folded along it; the second's copies of its ends have
@@ -239,11 +217,7 @@ mod tests {
         // Cross products: (0,0,1) and (-1,0,0)x... summed by hand: (0,1,0)->(1,0,0): (1,-1,0), (0,1,0)->(1,1,-2):
         // (1,0,-2), so the second is (2,2,1); both together (2,2,2).
         let expected = Vec3::splat(1.0 / 3f32.sqrt());
-        for v in mesh
-            .vertices
-            .iter()
-            .filter(|v| v.position.x + v.position.y == 1.0)
-        {
+        for v in mesh.vertices.iter().filter(|v| v.position.x + v.position.y == 1.0) {
             // One rounding in f32 of a unit vector's coordinate: 2^-25; the expectation itself is off by as much.
             assert!(v.normal.abs_diff_eq(expected, 2f32.powi(-23)), "{v:?}");
         }
@@ -262,11 +236,7 @@ mod tests {
         ];
         let mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [0, 3, 4]]);
         let expected = Vec3::new(1.0, 0.0, 4.0).normalize();
-        assert!(
-            mesh.vertices[0].normal.abs_diff_eq(expected, 2f32.powi(-23)),
-            "{:?}",
-            mesh.vertices[0]
-        );
+        assert!(mesh.vertices[0].normal.abs_diff_eq(expected, 2f32.powi(-23)), "{:?}", mesh.vertices[0]);
     }
 
     #[test]
@@ -298,11 +268,7 @@ mod tests {
         let mesh = Mesh::from_triangles(&vertices, &[&up[..], &down[..]].concat());
         for (i, &triangle) in mesh.triangles.iter().enumerate() {
             assert_eq!(triangle.vertices, [0, 1, 2]);
-            assert_eq!(
-                normal_in(&mesh, triangle),
-                if i < 3 { Vec3::Z } else { -Vec3::Z },
-                "{i}"
-            );
+            assert_eq!(normal_in(&mesh, triangle), if i < 3 { Vec3::Z } else { -Vec3::Z }, "{i}");
         }
     }
 
@@ -338,20 +304,14 @@ mod tests {
         ];
         // A repeated index, two vertices at one position, three on a line, and one that counts.
         let mesh = Mesh::from_triangles(&vertices, &[[0, 0, 4], [0, 3, 4], [0, 1, 2], [0, 1, 4]]);
-        assert_eq!(
-            (mesh.triangles.len(), mesh.dropped, mesh.vertices.len()),
-            (1, 3, 3)
-        );
+        assert_eq!((mesh.triangles.len(), mesh.dropped, mesh.vertices.len()), (1, 3, 3));
     }
 
     #[test]
     fn bounds_hold_every_vertex() {
         let (vertices, triangles) = fold();
         let mesh = Mesh::from_triangles(&vertices, &triangles);
-        assert_eq!(
-            mesh.bounds(),
-            Some((Vec3::new(0.0, 0.0, -2.0), Vec3::ONE - Vec3::Z))
-        );
+        assert_eq!(mesh.bounds(), Some((Vec3::new(0.0, 0.0, -2.0), Vec3::ONE - Vec3::Z)));
         assert_eq!(Mesh::default().bounds(), None);
     }
 }

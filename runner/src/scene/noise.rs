@@ -27,10 +27,7 @@ const ROUNDING: f32 = 0.07;
 impl Lattice {
     /// A lattice of `x` by `y` cells.
     pub(super) fn new(x: i32, y: i32, seed: u32) -> Self {
-        Self {
-            period: IVec2::new(x, y),
-            seed,
-        }
+        Self { period: IVec2::new(x, y), seed }
     }
 
     /// A random number that belongs to a lattice point.
@@ -61,10 +58,7 @@ impl Lattice {
         let mut weights = 0.0;
         for octave in 0..octaves {
             let factor = 1 << octave;
-            let finer = Self {
-                period: self.period * factor,
-                seed: self.seed.wrapping_add(octave),
-            };
+            let finer = Self { period: self.period * factor, seed: self.seed.wrapping_add(octave) };
             let weight = 1.0 / factor as f32;
             sum += weight * finer.gradient(p * factor as f32);
             weights += weight;
@@ -90,10 +84,7 @@ impl Lattice {
                 (-distance / ROUNDING).exp()
             })
             .sum();
-        Cell {
-            border: (-ROUNDING * sum.ln()).max(0.0),
-            id: self.hash(nearest),
-        }
+        Cell { border: (-ROUNDING * sum.ln()).max(0.0), id: self.hash(nearest) }
     }
 
     /// The centre of the cell of a unit square, away from the square's border so that cells keep a fair size.

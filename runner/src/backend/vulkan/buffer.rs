@@ -57,32 +57,14 @@ impl Buffer {
 
     /// A mapped buffer that the host fills and the device copies from.
     pub(super) fn for_upload(device: &Arc<Device>, bytes: u64) -> Result<Self, BackendError> {
-        let label = Label {
-            name: "the upload buffer",
-            remedy: "use --backend cpu",
-        };
-        Self::new(
-            device,
-            label,
-            bytes,
-            vk::BufferUsageFlags::TRANSFER_SRC,
-            MemoryLocation::CpuToGpu,
-        )
+        let label = Label { name: "the upload buffer", remedy: "use --backend cpu" };
+        Self::new(device, label, bytes, vk::BufferUsageFlags::TRANSFER_SRC, MemoryLocation::CpuToGpu)
     }
 
     /// A mapped buffer that the device copies to and the host reads.
     pub(super) fn for_download(device: &Arc<Device>, bytes: u64) -> Result<Self, BackendError> {
-        let label = Label {
-            name: "the download buffer",
-            remedy: "use --backend cpu",
-        };
-        Self::new(
-            device,
-            label,
-            bytes,
-            vk::BufferUsageFlags::TRANSFER_DST,
-            MemoryLocation::GpuToCpu,
-        )
+        let label = Label { name: "the download buffer", remedy: "use --backend cpu" };
+        Self::new(device, label, bytes, vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu)
     }
 
     fn new(
@@ -102,11 +84,7 @@ impl Buffer {
         let buffer = Buffer { raw, memory, bytes };
         if location != MemoryLocation::GpuOnly && buffer.mapped().is_empty() {
             let reason = "the driver does not map it".to_owned();
-            return Err(BackendError::Allocation {
-                name: label.name,
-                bytes,
-                reason,
-            });
+            return Err(BackendError::Allocation { name: label.name, bytes, reason });
         }
         Ok(buffer)
     }
@@ -122,20 +100,12 @@ impl Buffer {
 
     /// What the host sees of it; empty where it is not mapped.
     pub(super) fn mapped(&self) -> &[u8] {
-        self.memory
-            .allocation
-            .as_ref()
-            .and_then(Allocation::mapped_slice)
-            .unwrap_or_default()
+        self.memory.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
     }
 
     /// As [`mapped`](Self::mapped), to be written.
     pub(super) fn mapped_mut(&mut self) -> &mut [u8] {
-        self.memory
-            .allocation
-            .as_mut()
-            .and_then(Allocation::mapped_slice_mut)
-            .unwrap_or_default()
+        self.memory.allocation.as_mut().and_then(Allocation::mapped_slice_mut).unwrap_or_default()
     }
 }
 
@@ -177,18 +147,11 @@ fn allocate(
             linear: true,
             allocation_scheme: AllocationScheme::DedicatedBuffer(buffer.raw()),
         })
-        .map_err(|error| BackendError::Allocation {
-            name: label.name,
-            bytes,
-            reason: error.to_string(),
-        })?;
+        .map_err(|error| BackendError::Allocation { name: label.name, bytes, reason: error.to_string() })?;
     // SAFETY: the handle is only passed on to the bind below, while the allocation lives.
     let handle = unsafe { allocation.memory() };
     let offset = allocation.offset();
-    let memory = Memory {
-        allocation: Some(allocation),
-        device: Arc::clone(device),
-    };
+    let memory = Memory { allocation: Some(allocation), device: Arc::clone(device) };
     // SAFETY: the memory meets the buffer's requirements, and the buffer has none yet.
     unsafe { device.raw().bind_buffer_memory(buffer.raw(), handle, offset) }
         .map_err(|source| device.error("binding memory to a buffer", source))?;

@@ -71,10 +71,7 @@ impl Commands {
         record: impl FnOnce(&Recorder<'_>),
     ) -> Result<f64, BackendError> {
         self.begin(what)?;
-        let recorder = Recorder {
-            buffer: self.buffer,
-            device: self.device.raw(),
-        };
+        let recorder = Recorder { buffer: self.buffer, device: self.device.raw() };
         recorder.barrier();
         self.write_timestamp(0, vk::PipelineStageFlags::TOP_OF_PIPE);
         record(&recorder);
@@ -87,11 +84,7 @@ impl Commands {
         self.submit(what)?;
         self.wait(what)?;
         let host_ms = submitted.elapsed().as_secs_f64() * 1e3;
-        let device_ms = self
-            .stopwatch
-            .as_ref()
-            .map(|stopwatch| stopwatch.read_ms(what))
-            .transpose()?;
+        let device_ms = self.stopwatch.as_ref().map(|stopwatch| stopwatch.read_ms(what)).transpose()?;
         Ok(device_ms.unwrap_or(host_ms))
     }
 
@@ -102,11 +95,7 @@ impl Commands {
             .map_err(|e| self.device.error(what, e))?;
         if let Some(stopwatch) = &self.stopwatch {
             // SAFETY: the buffer is being recorded, and the pool has two queries.
-            unsafe {
-                self.device
-                    .raw()
-                    .cmd_reset_query_pool(self.buffer, stopwatch.queries.raw(), 0, 2)
-            };
+            unsafe { self.device.raw().cmd_reset_query_pool(self.buffer, stopwatch.queries.raw(), 0, 2) };
         }
         Ok(())
     }
@@ -115,11 +104,7 @@ impl Commands {
         if let Some(stopwatch) = &self.stopwatch {
             let queries = stopwatch.queries.raw();
             // SAFETY: the buffer is being recorded, and `begin` reset the query.
-            unsafe {
-                self.device
-                    .raw()
-                    .cmd_write_timestamp(self.buffer, stage, queries, query)
-            };
+            unsafe { self.device.raw().cmd_write_timestamp(self.buffer, stage, queries, query) };
         }
     }
 
@@ -130,23 +115,15 @@ impl Commands {
         let buffers = [self.buffer];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
         // SAFETY: the buffer is recorded and not pending; `wait` follows before anything it uses is dropped.
-        unsafe {
-            self.device
-                .raw()
-                .queue_submit(self.device.queue(), &submits, fences[0])
-        }
-        .map_err(|e| self.device.error(what, e))
+        unsafe { self.device.raw().queue_submit(self.device.queue(), &submits, fences[0]) }
+            .map_err(|e| self.device.error(what, e))
     }
 
     fn wait(&self, what: &'static str) -> Result<(), BackendError> {
         let (start, mut mentioned) = (Instant::now(), false);
         loop {
             // SAFETY: the fence is of this device.
-            match unsafe {
-                self.device
-                    .raw()
-                    .wait_for_fences(&[self.fence.raw()], true, nanoseconds(WAIT))
-            } {
+            match unsafe { self.device.raw().wait_for_fences(&[self.fence.raw()], true, nanoseconds(WAIT)) } {
                 Ok(()) => return Ok(()),
                 Err(vk::Result::TIMEOUT) => {
                     if !mentioned && start.elapsed() > LONG_WAIT {
@@ -189,9 +166,7 @@ impl Stopwatch {
         if limits.timestamp_bits == 0 || limits.timestamp_period_ns <= 0.0 {
             return Ok(None);
         }
-        let info = vk::QueryPoolCreateInfo::default()
-            .query_type(vk::QueryType::TIMESTAMP)
-            .query_count(2);
+        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
         // SAFETY: the device lives.
         let made = unsafe { device.raw().create_query_pool(&info, None) };
         Ok(Some(Stopwatch {
@@ -207,12 +182,8 @@ impl Stopwatch {
         let mut stamps = [0_u64; 2];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
         // SAFETY: both queries were written by the submission, which is done.
-        unsafe {
-            device
-                .raw()
-                .get_query_pool_results(self.queries.raw(), 0, &mut stamps, flags)
-        }
-        .map_err(|source| device.error(what, source))?;
+        unsafe { device.raw().get_query_pool_results(self.queries.raw(), 0, &mut stamps, flags) }
+            .map_err(|source| device.error(what, source))?;
         Ok(elapsed_ms(stamps, self.mask, self.period_ns))
     }
 }
@@ -229,49 +200,30 @@ impl Recorder<'_> {
     pub(super) fn dispatch(&self, pipeline: &Pipeline, push_constants: &[u8], groups: [u32; 2]) {
         let (bind_point, layout) = (vk::PipelineBindPoint::COMPUTE, pipeline.layout());
         // SAFETY: the buffer is being recorded, and the pipeline outlives the submission.
-        unsafe {
-            self.device
-                .cmd_bind_pipeline(self.buffer, bind_point, pipeline.raw())
-        };
+        unsafe { self.device.cmd_bind_pipeline(self.buffer, bind_point, pipeline.raw()) };
         // SAFETY: the set has this layout, and every binding was written.
         unsafe {
-            self.device
-                .cmd_bind_descriptor_sets(self.buffer, bind_point, layout, 0, &[pipeline.set()], &[]);
+            self.device.cmd_bind_descriptor_sets(self.buffer, bind_point, layout, 0, &[pipeline.set()], &[]);
         };
         let stage = vk::ShaderStageFlags::COMPUTE;
         // SAFETY: the layout has push constants of this size for this stage.
-        unsafe {
-            self.device
-                .cmd_push_constants(self.buffer, layout, stage, 0, push_constants)
-        };
+        unsafe { self.device.cmd_push_constants(self.buffer, layout, stage, 0, push_constants) };
         // SAFETY: everything that the pipeline needs is bound.
         unsafe { self.device.cmd_dispatch(self.buffer, groups[0], groups[1], 1) };
     }
 
     /// Copies `region` from one buffer to another. It must lie within both.
     pub(super) fn copy(&self, from: &Buffer, to: &Buffer, region: vk::BufferCopy) {
-        assert!(
-            region.src_offset + region.size <= from.bytes(),
-            "{region:?} leaves its source"
-        );
-        assert!(
-            region.dst_offset + region.size <= to.bytes(),
-            "{region:?} leaves its destination"
-        );
+        assert!(region.src_offset + region.size <= from.bytes(), "{region:?} leaves its source");
+        assert!(region.dst_offset + region.size <= to.bytes(), "{region:?} leaves its destination");
         // SAFETY: the region lies within both, as asserted, and both outlive the submission.
-        unsafe {
-            self.device
-                .cmd_copy_buffer(self.buffer, from.raw(), to.raw(), &[region])
-        };
+        unsafe { self.device.cmd_copy_buffer(self.buffer, from.raw(), to.raw(), &[region]) };
     }
 
     /// Fills a buffer with zeros.
     pub(super) fn clear(&self, buffer: &Buffer) {
         // SAFETY: the buffer outlives the submission, and may be a destination.
-        unsafe {
-            self.device
-                .cmd_fill_buffer(self.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, 0)
-        };
+        unsafe { self.device.cmd_fill_buffer(self.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, 0) };
     }
 
     /// What kernels and copies before it wrote is there for those after it.
@@ -299,14 +251,11 @@ impl Recorder<'_> {
         to_stage: vk::PipelineStageFlags,
         to: vk::AccessFlags,
     ) {
-        let barrier = [vk::MemoryBarrier::default()
-            .src_access_mask(from)
-            .dst_access_mask(to)];
+        let barrier = [vk::MemoryBarrier::default().src_access_mask(from).dst_access_mask(to)];
         let flags = vk::DependencyFlags::empty();
         // SAFETY: the buffer is being recorded, and a compute queue has these stages.
         unsafe {
-            self.device
-                .cmd_pipeline_barrier(self.buffer, from_stage, to_stage, flags, &barrier, &[], &[]);
+            self.device.cmd_pipeline_barrier(self.buffer, from_stage, to_stage, flags, &barrier, &[], &[]);
         };
     }
 }

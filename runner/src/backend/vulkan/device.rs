@@ -50,12 +50,7 @@ impl Device {
             bytes: 0,
             reason: error.to_string(),
         })?;
-        Ok(Arc::new(Device {
-            allocator: Mutex::new(allocator),
-            handle,
-            queue,
-            physical,
-        }))
+        Ok(Arc::new(Device { allocator: Mutex::new(allocator), handle, queue, physical }))
     }
 
     pub(super) fn raw(&self) -> &ash::Device {
@@ -89,10 +84,9 @@ impl Device {
     /// The error of a call that failed while doing `what`.
     pub(super) fn error(&self, what: &'static str, source: vk::Result) -> BackendError {
         match source {
-            vk::Result::ERROR_DEVICE_LOST => BackendError::DeviceLost {
-                device: self.physical.info.name.clone(),
-                what,
-            },
+            vk::Result::ERROR_DEVICE_LOST => {
+                BackendError::DeviceLost { device: self.physical.info.name.clone(), what }
+            }
             source => BackendError::Vulkan { what, source },
         }
     }
@@ -105,16 +99,10 @@ fn open(instance: Arc<Instance>, physical: &PhysicalDevice) -> Result<DeviceHand
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
         .vulkan_memory_model(true)
         .vulkan_memory_model_device_scope(true);
-    let info = vk::DeviceCreateInfo::default()
-        .queue_create_infos(&queues)
-        .push_next(&mut features12);
+    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features12);
     // SAFETY: the physical device is of this instance and has the features and the queue; the handle destroys it.
-    let raw = unsafe { instance.raw().create_device(physical.raw, &info, None) }.map_err(|source| {
-        BackendError::Vulkan {
-            what: "opening the device",
-            source,
-        }
-    })?;
+    let raw = unsafe { instance.raw().create_device(physical.raw, &info, None) }
+        .map_err(|source| BackendError::Vulkan { what: "opening the device", source })?;
     Ok(DeviceHandle { raw, instance })
 }
 
@@ -167,10 +155,7 @@ impl<H: Destroy> Owned<H> {
         made: ash::prelude::VkResult<H>,
     ) -> Result<Self, BackendError> {
         let raw = made.map_err(|source| device.error(what, source))?;
-        Ok(Owned {
-            raw,
-            device: Arc::clone(device),
-        })
+        Ok(Owned { raw, device: Arc::clone(device) })
     }
 
     pub(super) fn raw(&self) -> H {
@@ -219,26 +204,19 @@ mod tests {
         assert!(log.messages().is_empty(), "{:?}", log.messages());
         drop(device);
         let messages = log.messages();
-        assert!(
-            messages.iter().any(|message| message.contains("VkFence")),
-            "{leaked:?}: {messages:?}"
-        );
+        assert!(messages.iter().any(|message| message.contains("VkFence")), "{leaked:?}: {messages:?}");
     }
 
     #[test]
     fn broken_rule_is_reported_at_once() {
         let device = validated_lavapipe();
-        let info = vk::BufferCreateInfo::default()
-            .size(0)
-            .usage(vk::BufferUsageFlags::STORAGE_BUFFER);
+        let info = vk::BufferCreateInfo::default().size(0).usage(vk::BufferUsageFlags::STORAGE_BUFFER);
         // SAFETY: none: a buffer of size 0 breaks a rule, on purpose; the layers keep it from the driver.
         let made = unsafe { device.raw().create_buffer(&info, None) };
         let _made = made.map(|raw| Owned::new(&device, "creating a buffer", Ok(raw)));
         let messages = device.instance().log().messages();
         assert!(
-            messages
-                .iter()
-                .any(|message| message.contains("VUID-VkBufferCreateInfo-size")),
+            messages.iter().any(|message| message.contains("VUID-VkBufferCreateInfo-size")),
             "{messages:?}"
         );
     }
@@ -246,23 +224,9 @@ mod tests {
     #[test]
     fn lost_device_is_told_from_other_errors() {
         let device = validated_lavapipe();
-        let lost = device
-            .error("rendering", vk::Result::ERROR_DEVICE_LOST)
-            .to_string();
-        assert!(
-            lost.contains("llvmpipe") && lost.contains("was lost while rendering"),
-            "{lost}"
-        );
+        let lost = device.error("rendering", vk::Result::ERROR_DEVICE_LOST).to_string();
+        assert!(lost.contains("llvmpipe") && lost.contains("was lost while rendering"), "{lost}");
         let other = device.error("rendering", vk::Result::ERROR_OUT_OF_HOST_MEMORY);
-        assert!(
-            matches!(
-                other,
-                BackendError::Vulkan {
-                    what: "rendering",
-                    ..
-                }
-            ),
-            "{other}"
-        );
+        assert!(matches!(other, BackendError::Vulkan { what: "rendering", .. }), "{other}");
     }
 }

@@ -35,20 +35,12 @@ impl Instance {
         let log = ValidationLog::default();
         if !validate {
             let handle = create(entry, &vk::InstanceCreateInfo::default())?;
-            return Ok(Instance {
-                _messenger: None,
-                handle,
-                log,
-            });
+            return Ok(Instance { _messenger: None, handle, log });
         }
         require_validation_layer(&entry)?;
         let handle = create_validated(entry)?;
         let messenger = Messenger::new(&handle, &log)?;
-        Ok(Instance {
-            _messenger: Some(messenger),
-            handle,
-            log,
-        })
+        Ok(Instance { _messenger: Some(messenger), handle, log })
     }
 
     pub(super) fn raw(&self) -> &ash::Instance {
@@ -93,37 +85,25 @@ fn load_entry(library: Option<&Path>) -> Result<ash::Entry, BackendError> {
 fn require_version(entry: &ash::Entry) -> Result<(), BackendError> {
     // SAFETY: takes no handle; `entry` holds the loaded library.
     let version = unsafe { entry.try_enumerate_instance_version() }
-        .map_err(|source| BackendError::Vulkan {
-            what: "asking for the loader's version",
-            source,
-        })?
+        .map_err(|source| BackendError::Vulkan { what: "asking for the loader's version", source })?
         .unwrap_or(vk::API_VERSION_1_0);
     if version >= API_VERSION {
         return Ok(());
     }
     Err(BackendError::NoDevice {
-        reason: format!(
-            "the Vulkan loader is of version {}, older than 1.2",
-            version_text(version)
-        ),
+        reason: format!("the Vulkan loader is of version {}, older than 1.2", version_text(version)),
     })
 }
 
 fn require_validation_layer(entry: &ash::Entry) -> Result<(), BackendError> {
     // SAFETY: takes no handle; `entry` holds the loaded library.
-    let layers =
-        unsafe { entry.enumerate_instance_layer_properties() }.map_err(|source| BackendError::Vulkan {
-            what: "listing the layers",
-            source,
-        })?;
+    let layers = unsafe { entry.enumerate_instance_layer_properties() }
+        .map_err(|source| BackendError::Vulkan { what: "listing the layers", source })?;
     find_validation_layer(&layers)
 }
 
 fn find_validation_layer(layers: &[vk::LayerProperties]) -> Result<(), BackendError> {
-    if layers
-        .iter()
-        .any(|layer| layer.layer_name_as_c_str() == Ok(validation::LAYER))
-    {
+    if layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(validation::LAYER)) {
         Ok(())
     } else {
         Err(BackendError::NoValidation)
@@ -133,17 +113,9 @@ fn find_validation_layer(layers: &[vk::LayerProperties]) -> Result<(), BackendEr
 /// An instance under the validation layers, with synchronisation validation where the layers have it.
 fn create_validated(entry: ash::Entry) -> Result<InstanceHandle, BackendError> {
     // SAFETY: takes no handle; `entry` holds the loaded library.
-    let offered = unsafe { entry.enumerate_instance_extension_properties(Some(validation::LAYER)) }.map_err(
-        |source| BackendError::Vulkan {
-            what: "listing the layers' extensions",
-            source,
-        },
-    )?;
-    let offers = |name: &CStr| {
-        offered
-            .iter()
-            .any(|one| one.extension_name_as_c_str() == Ok(name))
-    };
+    let offered = unsafe { entry.enumerate_instance_extension_properties(Some(validation::LAYER)) }
+        .map_err(|source| BackendError::Vulkan { what: "listing the layers' extensions", source })?;
+    let offers = |name: &CStr| offered.iter().any(|one| one.extension_name_as_c_str() == Ok(name));
     let layers = [validation::LAYER.as_ptr()];
     let mut extensions = vec![ash::ext::debug_utils::NAME.as_ptr()];
     let mut features = vk::ValidationFeaturesEXT::default()
@@ -158,20 +130,15 @@ fn create_validated(entry: ash::Entry) -> Result<InstanceHandle, BackendError> {
 
 /// An instance as `info` describes it, for our version of Vulkan.
 fn create(entry: ash::Entry, info: &vk::InstanceCreateInfo<'_>) -> Result<InstanceHandle, BackendError> {
-    let application = vk::ApplicationInfo::default()
-        .application_name(c"emboss")
-        .api_version(API_VERSION);
+    let application = vk::ApplicationInfo::default().application_name(c"emboss").api_version(API_VERSION);
     let info = info.application_info(&application);
     // SAFETY: `info` and what it points to live through the call; the handle destroys it.
     match unsafe { entry.create_instance(&info, None) } {
         Ok(raw) => Ok(InstanceHandle { raw, entry }),
-        Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => Err(BackendError::NoDevice {
-            reason: "no Vulkan driver is installed".to_owned(),
-        }),
-        Err(source) => Err(BackendError::Vulkan {
-            what: "creating the instance",
-            source,
-        }),
+        Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => {
+            Err(BackendError::NoDevice { reason: "no Vulkan driver is installed".to_owned() })
+        }
+        Err(source) => Err(BackendError::Vulkan { what: "creating the instance", source }),
     }
 }
 
@@ -191,9 +158,7 @@ mod tests {
 
     #[test]
     fn missing_loader_is_no_device() {
-        let error = load_entry(Some(Path::new("no-such-vulkan-loader.so")))
-            .err()
-            .expect("no such library");
+        let error = load_entry(Some(Path::new("no-such-vulkan-loader.so"))).err().expect("no such library");
         assert!(matches!(error, BackendError::NoDevice { .. }), "{error}");
         assert!(error.to_string().contains("no-such-vulkan-loader.so"), "{error}");
         assert!(error.to_string().contains("--backend cpu"), "{error}");
@@ -201,12 +166,8 @@ mod tests {
 
     #[test]
     fn missing_layer_names_the_package_to_install() {
-        let other = vk::LayerProperties::default()
-            .layer_name(c"VK_LAYER_MESA_overlay")
-            .unwrap();
-        let wanted = vk::LayerProperties::default()
-            .layer_name(validation::LAYER)
-            .unwrap();
+        let other = vk::LayerProperties::default().layer_name(c"VK_LAYER_MESA_overlay").unwrap();
+        let wanted = vk::LayerProperties::default().layer_name(validation::LAYER).unwrap();
         let message = find_validation_layer(&[other]).unwrap_err().to_string();
         assert!(message.contains("vulkan-validationlayers"), "{message}");
         assert!(find_validation_layer(&[other, wanted]).is_ok());

@@ -69,10 +69,7 @@ pub enum Selection {
 /// [`BackendError::NoDevice`] where there is no loader or no driver.
 pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
     let instance = Instance::new(false)?;
-    Ok(physical::enumerate(&instance)?
-        .into_iter()
-        .map(|device| device.info)
-        .collect())
+    Ok(physical::enumerate(&instance)?.into_iter().map(|device| device.info).collect())
 }
 
 /// Runs kernels on a Vulkan device. A new one holds an empty scene and a film without pixels.
@@ -99,13 +96,7 @@ impl VulkanBackend {
         let commands = Commands::new(&device)?;
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
-        Ok(VulkanBackend {
-            resident,
-            programs: Programs::default(),
-            transfers,
-            commands,
-            device,
-        })
+        Ok(VulkanBackend { resident, programs: Programs::default(), transfers, commands, device })
     }
 
     /// What the validation layers have said so far; empty where validation is off.
@@ -125,16 +116,12 @@ impl VulkanBackend {
     /// [`BackendError::DeviceLost`], or another error of the driver.
     pub fn film(&mut self) -> Result<Vec<FilmPixel>, BackendError> {
         let count = self.resident.pixels() as usize;
-        self.transfers
-            .read(&self.commands, self.resident.buffer(binding::FILM), count)
+        self.transfers.read(&self.commands, self.resident.buffer(binding::FILM), count)
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
     fn buffer(&mut self, name: &'static str, bytes: usize, data: &[u8]) -> Result<Buffer, BackendError> {
-        let label = Label {
-            name,
-            remedy: "use fewer at a time",
-        };
+        let label = Label { name, remedy: "use fewer at a time" };
         let buffer = Buffer::for_kernels(&self.device, label, bytes as u64)?;
         self.transfers.write(&self.commands, &buffer, data)?;
         Ok(buffer)
@@ -191,16 +178,12 @@ impl Backend for VulkanBackend {
         // Nothing asks to end it early.
         let _ = program.run_tiles(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
         let count = self.resident.pixels() as usize;
-        self.transfers
-            .read(&self.commands, self.resident.buffer(binding::PICTURE), count)
+        self.transfers.read(&self.commands, self.resident.buffer(binding::PICTURE), count)
     }
 
     fn totals(&mut self) -> Result<Totals, BackendError> {
-        let counters: Vec<Counter> = self.transfers.read(
-            &self.commands,
-            self.resident.buffer(binding::COUNTERS),
-            counter::COUNT,
-        )?;
+        let counters: Vec<Counter> =
+            self.transfers.read(&self.commands, self.resident.buffer(binding::COUNTERS), counter::COUNT)?;
         Ok(std::array::from_fn(|i| counters[i].value()))
     }
 
@@ -215,23 +198,13 @@ impl Backend for VulkanBackend {
     /// # Panics
     /// Where `input` has fewer words than `count` items read: kernels do not check indices on a device.
     fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError> {
-        assert!(
-            input.len() >= count as usize * IN_STRIDE as usize,
-            "probe needs {IN_STRIDE} words an item"
-        );
+        assert!(input.len() >= count as usize * IN_STRIDE as usize, "probe needs {IN_STRIDE} words an item");
         let words = count as usize * OUT_STRIDE as usize;
         let arguments = self.buffer("the probe's input", size_of_val(input), cast_slice(input))?;
         let results = self.buffer("the probe's output", words * size_of::<u32>(), &[])?;
-        self.commands
-            .run("clearing", |recorder| recorder.clear(&results))?;
+        self.commands.run("clearing", |recorder| recorder.clear(&results))?;
         let program = self.programs.get(&self.device, Kernel::Probe)?;
-        program.pipeline().bind(|at| {
-            if at == binding::PROBE_IN {
-                &arguments
-            } else {
-                &results
-            }
-        });
+        program.pipeline().bind(|at| if at == binding::PROBE_IN { &arguments } else { &results });
         program.run_batches(&self.commands, count, kernel)?;
         self.transfers.read(&self.commands, &results, words)
     }
@@ -243,13 +216,7 @@ fn empty(
     commands: &Commands,
     transfers: &mut Transfers,
 ) -> Result<Resident, BackendError> {
-    Resident::new(
-        device,
-        commands,
-        transfers,
-        &SceneBuffers::default(),
-        &Frame::default(),
-    )
+    Resident::new(device, commands, transfers, &SceneBuffers::default(), &Frame::default())
 }
 
 /// Length of at most [`RAYS_AT_A_TIME`] rays.

@@ -35,12 +35,7 @@ pub(super) struct Pacer {
 impl Pacer {
     /// A pacer that knows nothing.
     pub(super) fn new() -> Self {
-        Pacer {
-            items: f64::from(FIRST_ITEMS),
-            ceiling: 0.0,
-            dearest_ms: 0.0,
-            warm: false,
-        }
+        Pacer { items: f64::from(FIRST_ITEMS), ceiling: 0.0, dearest_ms: 0.0, warm: false }
     }
 
     /// Begins a pass over `total` items. Where an earlier pass was measured, this one is expected to be no dearer
@@ -79,11 +74,7 @@ impl Pacer {
         }
         self.warm = true;
         // A clock too coarse to see the submission gives 0: then the growth is the largest.
-        let wanted = if ms_per_item > 0.0 {
-            TARGET_MS / ms_per_item
-        } else {
-            f64::INFINITY
-        };
+        let wanted = if ms_per_item > 0.0 { TARGET_MS / ms_per_item } else { f64::INFINITY };
         let bounded = wanted.clamp(self.items / MOST_SHRINKING, self.items * MOST_GROWTH);
         self.items = bounded.clamp(f64::from(FEWEST_ITEMS), self.ceiling);
     }

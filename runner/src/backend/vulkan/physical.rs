@@ -34,20 +34,15 @@ pub(super) struct Limits {
 impl Limits {
     /// The longest buffer that a kernel can have, in bytes.
     pub(super) fn buffer_bytes(&self) -> u64 {
-        self.storage_buffer_bytes
-            .min(self.allocation_bytes)
-            .min(self.heap_bytes)
+        self.storage_buffer_bytes.min(self.allocation_bytes).min(self.heap_bytes)
     }
 }
 
 /// Every device that fits, in the loader's order. What does not fit is logged.
 pub(super) fn enumerate(instance: &Instance) -> Result<Vec<PhysicalDevice>, BackendError> {
     // SAFETY: the instance lives through the call.
-    let all =
-        unsafe { instance.raw().enumerate_physical_devices() }.map_err(|source| BackendError::Vulkan {
-            what: "listing the devices",
-            source,
-        })?;
+    let all = unsafe { instance.raw().enumerate_physical_devices() }
+        .map_err(|source| BackendError::Vulkan { what: "listing the devices", source })?;
     Ok(all.into_iter().filter_map(|raw| examine(instance, raw)).collect())
 }
 
@@ -62,15 +57,9 @@ pub(super) fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<u
             .ok()
             .filter(|&index| index < devices.len())
             // A number that is no index may be a part of a name: "4090".
-            .or_else(|| {
-                devices
-                    .iter()
-                    .position(|device| contains_ignoring_case(&device.name, wanted))
-            }),
+            .or_else(|| devices.iter().position(|device| contains_ignoring_case(&device.name, wanted))),
     };
-    found.ok_or_else(|| BackendError::NoDevice {
-        reason: why_none(devices, selection),
-    })
+    found.ok_or_else(|| BackendError::NoDevice { reason: why_none(devices, selection) })
 }
 
 fn contains_ignoring_case(name: &str, part: &str) -> bool {
@@ -78,11 +67,8 @@ fn contains_ignoring_case(name: &str, part: &str) -> bool {
 }
 
 fn why_none(devices: &[&DeviceInfo], selection: &Selection) -> String {
-    let list: Vec<_> = devices
-        .iter()
-        .enumerate()
-        .map(|(index, device)| format!("{index}: {}", device.name))
-        .collect();
+    let list: Vec<_> =
+        devices.iter().enumerate().map(|(index, device)| format!("{index}: {}", device.name)).collect();
     let list = list.join(", ");
     match selection {
         _ if devices.is_empty() => {
@@ -104,11 +90,7 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice) -> Option<PhysicalDevic
         properties = properties.push_next(&mut driver).push_next(&mut maintenance3);
     }
     // SAFETY: `raw` comes from this instance, which has version 1.2.
-    unsafe {
-        instance
-            .raw()
-            .get_physical_device_properties2(raw, &mut properties)
-    };
+    unsafe { instance.raw().get_physical_device_properties2(raw, &mut properties) };
     let properties = properties.properties;
     let name = text(properties.device_name_as_c_str());
     let queue = compute_queue(instance, raw);
@@ -211,8 +193,7 @@ fn details(version: u32, driver: &vk::PhysicalDeviceDriverProperties<'_>) -> Str
 
 /// A driver's text; empty where it breaks the rule that a zero ends it.
 fn text<E>(text: Result<&CStr, E>) -> String {
-    text.map(|text| text.to_string_lossy().into_owned())
-        .unwrap_or_default()
+    text.map(|text| text.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -220,12 +201,7 @@ mod tests {
     use super::*;
 
     fn device(name: &str, kind: DeviceKind) -> DeviceInfo {
-        DeviceInfo {
-            backend: "vulkan",
-            name: name.to_owned(),
-            kind,
-            details: String::new(),
-        }
+        DeviceInfo { backend: "vulkan", name: name.to_owned(), kind, details: String::new() }
     }
 
     fn named(wanted: &str) -> Selection {
@@ -238,10 +214,7 @@ mod tests {
         let share = device("Share", DeviceKind::Virtual);
         let chip = device("Chip", DeviceKind::Integrated);
         let card = device("Card", DeviceKind::Discrete);
-        assert_eq!(
-            choose(&[&software, &share, &chip, &card, &card], &Selection::Auto).unwrap(),
-            3
-        );
+        assert_eq!(choose(&[&software, &share, &chip, &card, &card], &Selection::Auto).unwrap(), 3);
         assert_eq!(choose(&[&software, &share, &chip], &Selection::Auto).unwrap(), 2);
         assert_eq!(choose(&[&software, &share], &Selection::Auto).unwrap(), 1);
     }
@@ -250,18 +223,13 @@ mod tests {
     fn auto_never_takes_software_and_names_it() {
         let software = device("llvmpipe", DeviceKind::Software);
         let message = choose(&[&software], &Selection::Auto).unwrap_err().to_string();
-        assert!(
-            message.contains("--device can ask for a software one (0: llvmpipe)"),
-            "{message}"
-        );
+        assert!(message.contains("--device can ask for a software one (0: llvmpipe)"), "{message}");
     }
 
     #[test]
     fn name_matches_in_part_whatever_the_case_and_index_counts_from_zero() {
-        let (card, software) = (
-            device("Card", DeviceKind::Discrete),
-            device("llvmpipe", DeviceKind::Software),
-        );
+        let (card, software) =
+            (device("Card", DeviceKind::Discrete), device("llvmpipe", DeviceKind::Software));
         let devices = [&card, &software];
         assert_eq!(choose(&devices, &named("LLVM")).unwrap(), 1);
         assert_eq!(choose(&devices, &named("1")).unwrap(), 1);
@@ -273,10 +241,7 @@ mod tests {
         let software = device("llvmpipe", DeviceKind::Software);
         for wanted in ["radeon", "1"] {
             let message = choose(&[&software], &named(wanted)).unwrap_err().to_string();
-            assert!(
-                message.contains(&format!("--device {wanted} (0: llvmpipe)")),
-                "{message}"
-            );
+            assert!(message.contains(&format!("--device {wanted} (0: llvmpipe)")), "{message}");
         }
     }
 

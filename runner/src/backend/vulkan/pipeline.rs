@@ -113,14 +113,7 @@ impl Pipeline {
         let raw = compile(&layout, kernel, features)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
-        Ok(Pipeline {
-            kernel,
-            raw,
-            layout,
-            set,
-            _pool: pool,
-            _set_layout: set_layout,
-        })
+        Ok(Pipeline { kernel, raw, layout, set, _pool: pool, _set_layout: set_layout })
     }
 
     /// Binds the buffer that `buffer_at` gives for each binding of the kernel. No submission may be pending, which
@@ -131,9 +124,7 @@ impl Pipeline {
             .iter()
             .map(|&binding| {
                 let buffer = buffer_at(binding);
-                [vk::DescriptorBufferInfo::default()
-                    .buffer(buffer.raw())
-                    .range(vk::WHOLE_SIZE)]
+                [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)]
             })
             .collect();
         let writes: Vec<_> = bindings
@@ -191,9 +182,8 @@ fn pipeline_layout(
     let push_constants = [vk::PushConstantRange::default()
         .stage_flags(vk::ShaderStageFlags::COMPUTE)
         .size(small(kernel.push_constant_bytes()))];
-    let info = vk::PipelineLayoutCreateInfo::default()
-        .set_layouts(&sets)
-        .push_constant_ranges(&push_constants);
+    let info =
+        vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(&push_constants);
     // SAFETY: the set layout is of this device.
     let made = unsafe { device.raw().create_pipeline_layout(&info, None) };
     Owned::new(device, "creating a pipeline layout", made)
@@ -208,23 +198,15 @@ fn compile(
     let module = shader_module(device)?;
     let constants = features.to_array();
     let entries = specialization_entries();
-    let specialization = vk::SpecializationInfo::default()
-        .map_entries(&entries)
-        .data(bytes_of(&constants));
+    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytes_of(&constants));
     let stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
         .name(kernel.entry_point())
         .specialization_info(&specialization);
-    let info = vk::ComputePipelineCreateInfo::default()
-        .layout(layout.raw())
-        .stage(stage);
+    let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage);
     // SAFETY: module and layout are of this device, and `info` lives through the call.
-    let made = unsafe {
-        device
-            .raw()
-            .create_compute_pipelines(vk::PipelineCache::null(), &[info], None)
-    };
+    let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
     // One pipeline was asked for: an error brings a single null handle, which needs no destruction.
     let made = made.map(|pipelines| pipelines[0]).map_err(|(_, error)| error);
     Owned::new(device, "compiling a kernel", made)
@@ -234,10 +216,7 @@ fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModule>, Backen
     // The bytes of a file have no alignment; words do.
     let words = ash::util::read_spv(&mut Cursor::new(MODULE)).map_err(|error| {
         tracing::error!("the built-in kernels are damaged: {error}");
-        BackendError::Vulkan {
-            what: "reading the kernels",
-            source: vk::Result::ERROR_INITIALIZATION_FAILED,
-        }
+        BackendError::Vulkan { what: "reading the kernels", source: vk::Result::ERROR_INITIALIZATION_FAILED }
     })?;
     let info = vk::ShaderModuleCreateInfo::default().code(&words);
     // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted.
@@ -258,9 +237,7 @@ fn descriptor_pool(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::Des
     let sizes = [vk::DescriptorPoolSize::default()
         .ty(vk::DescriptorType::STORAGE_BUFFER)
         .descriptor_count(small(kernel.bindings().len()))];
-    let info = vk::DescriptorPoolCreateInfo::default()
-        .max_sets(1)
-        .pool_sizes(&sizes);
+    let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
     // SAFETY: `info` is complete and the device lives.
     let made = unsafe { device.raw().create_descriptor_pool(&info, None) };
     Owned::new(device, "creating a descriptor pool", made)
@@ -272,9 +249,7 @@ fn allocate_set(
 ) -> Result<vk::DescriptorSet, BackendError> {
     let device = pool.device();
     let layouts = [layout.raw()];
-    let info = vk::DescriptorSetAllocateInfo::default()
-        .descriptor_pool(pool.raw())
-        .set_layouts(&layouts);
+    let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool.raw()).set_layouts(&layouts);
     // SAFETY: pool and layout are of this device, and the pool has room for one such set.
     let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }
         .map_err(|source| device.error("allocating a descriptor set", source))?;
@@ -300,14 +275,8 @@ mod tests {
     #[test]
     fn constants_lie_at_the_words_of_their_ids() {
         let entries = specialization_entries();
-        let features = Features {
-            color_wrap: 7,
-            ..Features::default()
-        };
-        let entry = entries
-            .iter()
-            .find(|entry| entry.constant_id == spec::COLOR_WRAP)
-            .unwrap();
+        let features = Features { color_wrap: 7, ..Features::default() };
+        let entry = entries.iter().find(|entry| entry.constant_id == spec::COLOR_WRAP).unwrap();
         let words = features.to_array();
         assert_eq!(words[entry.offset as usize / 4], 7);
     }

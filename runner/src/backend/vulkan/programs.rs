@@ -35,8 +35,7 @@ impl Programs {
     /// what they measured, since the scene changes.
     pub(super) fn set_features(&mut self, features: Features) {
         self.features = features;
-        self.made
-            .retain(|program| program.features == features_of(program.kernel, features));
+        self.made.retain(|program| program.features == features_of(program.kernel, features));
         for program in &mut self.made {
             program.pacer = Pacer::new();
         }
@@ -49,12 +48,7 @@ impl Programs {
             None => {
                 let features = features_of(kernel, self.features);
                 let pipeline = Pipeline::new(device, kernel, features)?;
-                self.made.push(Program {
-                    pipeline,
-                    kernel,
-                    features,
-                    pacer: Pacer::new(),
-                });
+                self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
                 self.made.len() - 1
             }
         };
@@ -118,11 +112,7 @@ impl Program {
         let mut first = 0;
         while first < count {
             let items = self.pacer.items().min(MOST_BATCH_ITEMS).min(count - first);
-            let batch = Batch {
-                first,
-                count: items,
-                kernel,
-            };
+            let batch = Batch { first, count: items, kernel };
             let groups = [items.div_ceil(BATCH_GROUP_SIZE), 1];
             let ms = commands.run(self.kernel.activity(), |recorder| {
                 recorder.dispatch(&self.pipeline, bytes_of(&batch), groups);

@@ -55,16 +55,10 @@ impl Resident {
         for (buffer, content) in buffers.iter().zip(&contents) {
             match content.data {
                 Some(data) if !data.is_empty() => transfers.write(commands, buffer, data)?,
-                _ => commands
-                    .run("clearing", |recorder| recorder.clear(buffer))
-                    .map(drop)?,
+                _ => commands.run("clearing", |recorder| recorder.clear(buffer)).map(drop)?,
             }
         }
-        Ok(Resident {
-            buffers,
-            width: frame.width,
-            height: frame.height,
-        })
+        Ok(Resident { buffers, width: frame.width, height: frame.height })
     }
 
     /// The buffer of a binding up to [`binding::COUNTERS`].
@@ -102,31 +96,18 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         uploaded("the vertices", SMALLER_MODEL, cast_slice(&scene.vertices)),
         uploaded("the triangles", SMALLER_MODEL, cast_slice(&scene.triangles)),
         uploaded("the BVH", SMALLER_MODEL, cast_slice(&scene.nodes)),
-        uploaded(
-            "the BVH's primitives",
-            SMALLER_MODEL,
-            cast_slice(&scene.primitives),
-        ),
+        uploaded("the BVH's primitives", SMALLER_MODEL, cast_slice(&scene.primitives)),
         uploaded("the height map", SMALLER_MAP, cast_slice(&scene.height_texels)),
         uploaded("the colour map", SMALLER_MAP, cast_slice(&scene.color_texels)),
         uploaded("the lights", "use fewer lights", cast_slice(&scene.lights)),
         zeros("the film", SMALLER_SIZE, pixels, size_of::<FilmPixel>()),
         zeros("the picture", SMALLER_SIZE, pixels, size_of::<Vec4>()),
-        zeros(
-            "the counters",
-            SMALLER_SCENE,
-            counter::COUNT as u64,
-            size_of::<Counter>(),
-        ),
+        zeros("the counters", SMALLER_SCENE, counter::COUNT as u64, size_of::<Counter>()),
     ]
 }
 
 fn uploaded<'a>(name: &'static str, remedy: &'static str, data: &'a [u8]) -> Content<'a> {
-    Content {
-        label: Label { name, remedy },
-        bytes: data.len() as u64,
-        data: Some(data),
-    }
+    Content { label: Label { name, remedy }, bytes: data.len() as u64, data: Some(data) }
 }
 
 /// `TooLarge` for the first buffer that the device does not allow, else for all of them together.
@@ -137,10 +118,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
     }
     // Each is at most a few GiB by now, so that the sum cannot overflow.
     let total = contents.iter().map(|content| content.bytes).sum();
-    let label = Label {
-        name: "the scene with its film",
-        remedy: SMALLER_SCENE,
-    };
+    let label = Label { name: "the scene with its film", remedy: SMALLER_SCENE };
     require_room(device, label, total, limits.heap_bytes)
 }
 
@@ -150,16 +128,9 @@ mod tests {
 
     #[test]
     fn contents_stand_at_their_bindings() {
-        let scene = SceneBuffers {
-            height_texels: vec![1; 3],
-            color_texels: vec![2; 5],
-            ..Default::default()
-        };
-        let frame = Frame {
-            width: 7,
-            height: 3,
-            ..Frame::default()
-        };
+        let scene =
+            SceneBuffers { height_texels: vec![1; 3], color_texels: vec![2; 5], ..Default::default() };
+        let frame = Frame { width: 7, height: 3, ..Frame::default() };
         let contents = contents(&scene, &frame);
         let bytes = |binding: u32| contents[binding as usize].bytes;
         assert_eq!(bytes(binding::FRAME), size_of::<Frame>() as u64);
@@ -172,11 +143,7 @@ mod tests {
 
     #[test]
     fn sizes_beyond_any_memory_saturate() {
-        let frame = Frame {
-            width: u32::MAX,
-            height: u32::MAX,
-            ..Frame::default()
-        };
+        let frame = Frame { width: u32::MAX, height: u32::MAX, ..Frame::default() };
         let contents = contents(&SceneBuffers::default(), &frame).map(|content| content.bytes);
         assert_eq!(contents[binding::FILM as usize], u64::MAX);
     }

@@ -24,12 +24,7 @@ pub(super) struct Tiles {
 impl Tiles {
     /// All of a film of `width` x `height` pixels, either of which may be 0.
     pub(super) fn new(width: u32, height: u32) -> Self {
-        Tiles {
-            width,
-            height,
-            x: 0,
-            y: if width == 0 { height } else { 0 },
-        }
+        Tiles { width, height, x: 0, y: if width == 0 { height } else { 0 } }
     }
 
     /// The next tile, of at most `pixels` pixels but at least one workgroup, for sample number `sample`. `None` once
@@ -40,31 +35,17 @@ impl Tiles {
         }
         let whole_rows = round_down(pixels / self.width);
         let fits = self.x == 0 && self.width <= MOST_EDGE && whole_rows > 0;
-        Some(if fits {
-            self.next_band(whole_rows, sample)
-        } else {
-            self.next_piece(pixels, sample)
-        })
+        Some(if fits { self.next_band(whole_rows, sample) } else { self.next_piece(pixels, sample) })
     }
 
     /// Share of the film's rows that is covered, 0 to 1; 1 for a film without pixels.
     pub(super) fn share_done(&self) -> f32 {
-        if self.y >= self.height {
-            1.0
-        } else {
-            self.y as f32 / self.height as f32
-        }
+        if self.y >= self.height { 1.0 } else { self.y as f32 / self.height as f32 }
     }
 
     fn next_band(&mut self, rows: u32, sample: u32) -> Tile {
         let height = rows.min(MOST_EDGE).min(self.height - self.y);
-        let tile = Tile {
-            x: 0,
-            y: self.y,
-            width: self.width,
-            height,
-            sample,
-        };
+        let tile = Tile { x: 0, y: self.y, width: self.width, height, sample };
         self.y += height;
         tile
     }
@@ -73,13 +54,7 @@ impl Tiles {
         let height = TILE_GROUP_SIZE.min(self.height - self.y);
         let columns = round_down(pixels / TILE_GROUP_SIZE).max(TILE_GROUP_SIZE);
         let width = columns.min(MOST_EDGE).min(self.width - self.x);
-        let tile = Tile {
-            x: self.x,
-            y: self.y,
-            width,
-            height,
-            sample,
-        };
+        let tile = Tile { x: self.x, y: self.y, width, height, sample };
         self.x += width;
         if self.x == self.width {
             self.x = 0;
@@ -91,10 +66,7 @@ impl Tiles {
 
 /// Workgroups along x and y that cover a tile.
 pub(super) fn groups(tile: Tile) -> [u32; 2] {
-    [
-        tile.width.div_ceil(TILE_GROUP_SIZE),
-        tile.height.div_ceil(TILE_GROUP_SIZE),
-    ]
+    [tile.width.div_ceil(TILE_GROUP_SIZE), tile.height.div_ceil(TILE_GROUP_SIZE)]
 }
 
 /// Down to a multiple of a workgroup's edge.
@@ -114,11 +86,7 @@ mod tests {
         let mut counts = vec![0; (width * height) as usize];
         let mut i = 0;
         while let Some(tile) = tiles.next(pixels(i), 0) {
-            assert!(
-                tile.width * tile.height <= pixels(i).max(64),
-                "{tile:?} of {}",
-                pixels(i)
-            );
+            assert!(tile.width * tile.height <= pixels(i).max(64), "{tile:?} of {}", pixels(i));
             for y in tile.y..tile.y + tile.height {
                 for x in tile.x..tile.x + tile.width {
                     counts[(y * width + x) as usize] += 1;
@@ -146,16 +114,7 @@ mod tests {
     fn a_large_budget_takes_the_film_in_one_tile() {
         let mut tiles = Tiles::new(1920, 1080);
         let tile = tiles.next(u32::MAX, 5);
-        assert_eq!(
-            tile,
-            Some(Tile {
-                x: 0,
-                y: 0,
-                width: 1920,
-                height: 1080,
-                sample: 5
-            })
-        );
+        assert_eq!(tile, Some(Tile { x: 0, y: 0, width: 1920, height: 1080, sample: 5 }));
         assert_eq!(tiles.next(u32::MAX, 5), None);
         assert_eq!(tiles.share_done(), 1.0);
     }

@@ -37,11 +37,7 @@ impl Transfers {
         for piece in bytes.chunks(STAGING_BYTES) {
             let size = piece.len() as u64;
             self.upload.mapped_mut()[..piece.len()].copy_from_slice(piece);
-            let region = vk::BufferCopy {
-                src_offset: 0,
-                dst_offset: offset,
-                size,
-            };
+            let region = vk::BufferCopy { src_offset: 0, dst_offset: offset, size };
             commands.run("uploading", |recorder| recorder.copy(&self.upload, to, region))?;
             offset += size;
         }
@@ -59,14 +55,8 @@ impl Transfers {
         let mut offset = 0;
         for piece in cast_slice_mut::<T, u8>(&mut values).chunks_mut(STAGING_BYTES) {
             let size = piece.len() as u64;
-            let region = vk::BufferCopy {
-                src_offset: offset,
-                dst_offset: 0,
-                size,
-            };
-            commands.run("downloading", |recorder| {
-                recorder.copy(from, &self.download, region)
-            })?;
+            let region = vk::BufferCopy { src_offset: offset, dst_offset: 0, size };
+            commands.run("downloading", |recorder| recorder.copy(from, &self.download, region))?;
             piece.copy_from_slice(&self.download.mapped()[..piece.len()]);
             offset += size;
         }

@@ -20,18 +20,12 @@ pub struct ValidationLog {
 impl ValidationLog {
     /// What has been said so far; empty where validation is off.
     pub fn messages(&self) -> Vec<String> {
-        self.messages
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn push(&self, message: String) {
         tracing::error!("Vulkan validation: {message}");
-        self.messages
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(message);
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     }
 }
 
@@ -58,17 +52,9 @@ impl Messenger {
             .pfn_user_callback(Some(on_message))
             .user_data((&raw const *log).cast_mut().cast());
         // SAFETY: the instance has the extension, and `log` outlives the messenger that points to it.
-        let raw = unsafe { functions.create_debug_utils_messenger(&info, None) }.map_err(|source| {
-            BackendError::Vulkan {
-                what: "listening to the validation layers",
-                source,
-            }
-        })?;
-        Ok(Messenger {
-            functions,
-            raw,
-            _log: log,
-        })
+        let raw = unsafe { functions.create_debug_utils_messenger(&info, None) }
+            .map_err(|source| BackendError::Vulkan { what: "listening to the validation layers", source })?;
+        Ok(Messenger { functions, raw, _log: log })
     }
 }
 
@@ -96,11 +82,7 @@ unsafe extern "system" fn on_message(
     if let (Some(log), Some(data)) = (log, data) {
         // SAFETY: Vulkan's messages are null or end with a zero.
         let message = unsafe { data.message_as_c_str() };
-        log.push(
-            message
-                .map_or(Cow::Borrowed("(no text)"), CStr::to_string_lossy)
-                .into_owned(),
-        );
+        log.push(message.map_or(Cow::Borrowed("(no text)"), CStr::to_string_lossy).into_owned());
     }
     vk::FALSE
 }

@@ -17,11 +17,7 @@ pub(super) fn scene() -> BuiltinScene {
     let view = Vec3::new(0.55, 0.45, 0.85).normalize();
     BuiltinScene {
         mesh: mesh(),
-        height: HeightMap::from_unit(
-            MAP_SIDE,
-            MAP_SIDE,
-            per_texel(MAP_SIDE, MAP_SIDE, bump).into_iter(),
-        ),
+        height: HeightMap::from_unit(MAP_SIDE, MAP_SIDE, per_texel(MAP_SIDE, MAP_SIDE, bump).into_iter()),
         color: None,
         zero: 0.0,
         scale: 0.2,
@@ -42,12 +38,7 @@ fn mesh() -> Mesh {
         let right = up.cross(normal);
         vertices.extend([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(u, v)| {
             let position = normal + right * (2.0 * u - 1.0) + up * (2.0 * v - 1.0);
-            Vertex {
-                position,
-                u,
-                normal,
-                v,
-            }
+            Vertex { position, u, normal, v }
         }));
         triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }

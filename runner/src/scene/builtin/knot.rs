@@ -31,11 +31,7 @@ pub(super) fn scene() -> BuiltinScene {
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.0)),
-        color: Some(ColorMap::from_linear(
-            MAP_WIDTH,
-            MAP_HEIGHT,
-            texels.iter().map(|t| t.1),
-        )),
+        color: Some(ColorMap::from_linear(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.1))),
         zero: 0.5,
         scale: 0.2,
         subdivisions: 64,
@@ -92,10 +88,7 @@ impl Section {
 
     /// The section with its side turned about the tangent.
     fn turned(self, angle: f64) -> Self {
-        Self {
-            side: DQuat::from_axis_angle(self.tangent, angle) * self.side,
-            ..self
-        }
+        Self { side: DQuat::from_axis_angle(self.tangent, angle) * self.side, ..self }
     }
 
     /// The section at another centre and tangent whose side turns least on the way: the double reflection of
@@ -104,11 +97,7 @@ impl Section {
         let step = (center - self.center).normalize();
         let reflected = |v: DVec3, n: DVec3| v - 2.0 * v.dot(n) * n;
         let half = (tangent - reflected(self.tangent, step)).normalize();
-        Self {
-            center,
-            tangent,
-            side: reflected(reflected(self.side, step), half),
-        }
+        Self { center, tangent, side: reflected(reflected(self.side, step), half) }
     }
 }
 
@@ -117,27 +106,15 @@ fn sections() -> Vec<Section> {
     let parameters = equidistant_parameters();
     let start = curve(0.0);
     let tangent = curve_tangent(0.0);
-    let mut sections = vec![Section {
-        center: start,
-        tangent,
-        side: tangent.any_orthonormal_vector(),
-    }];
+    let mut sections = vec![Section { center: start, tangent, side: tangent.any_orthonormal_vector() }];
     for &t in &parameters[1..] {
         let next = sections[sections.len() - 1].carried(curve(t), curve_tangent(t));
         sections.push(next);
     }
     let back = sections[sections.len() - 1].carried(start, tangent);
-    let miss = back
-        .side
-        .cross(sections[0].side)
-        .dot(tangent)
-        .atan2(back.side.dot(sections[0].side));
+    let miss = back.side.cross(sections[0].side).dot(tangent).atan2(back.side.dot(sections[0].side));
     let share = miss / f64::from(SECTIONS);
-    sections
-        .into_iter()
-        .zip(0..)
-        .map(|(section, i)| section.turned(share * f64::from(i)))
-        .collect()
+    sections.into_iter().zip(0..).map(|(section, i)| section.turned(share * f64::from(i))).collect()
 }
 
 /// The knot's point at a parameter of period 1: twice about the axis, three times about the torus.
@@ -167,9 +144,7 @@ fn equidistant_parameters() -> Vec<f64> {
         let i = lengths.partition_point(|&l| l <= length) - 1;
         (i as f64 + (length - lengths[i]) / (lengths[i + 1] - lengths[i])) / f64::from(PIECES)
     };
-    (0..SECTIONS)
-        .map(|i| parameter_at(total * f64::from(i) / f64::from(SECTIONS)))
-        .collect()
+    (0..SECTIONS).map(|i| parameter_at(total * f64::from(i) / f64::from(SECTIONS))).collect()
 }
 
 /// The pattern at a point of the map with `scale` cells around the tube.
@@ -190,17 +165,10 @@ fn texel(uv: Vec2) -> (f32, Vec3) {
     let large = pebble(uv, 7, 1, 0.05);
     let gap = 1.0 - smoothstep(0.0, 0.3, large.dome);
     // The small ones cost as much as the large ones and are seen in the gaps alone.
-    let small = if gap > 0.0 {
-        pebble(uv, 24, 2, 0.02)
-    } else {
-        Pebble::default()
-    };
+    let small = if gap > 0.0 { pebble(uv, 24, 2, 0.02) } else { Pebble::default() };
     let bed = 0.04 + gap * 0.3 * small.dome * small.size;
     let height = (0.9 * large.dome * large.size).max(bed) + 0.05 * rough * (0.4 + 0.6 * large.dome);
-    (
-        (height + 0.02).clamp(0.0, 1.0),
-        color(uv, &large, &small, gap, rough),
-    )
+    ((height + 0.02).clamp(0.0, 1.0), color(uv, &large, &small, gap, rough))
 }
 
 /// A pebble of a cellular pattern.

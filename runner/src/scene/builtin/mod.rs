@@ -46,17 +46,15 @@ pub fn load(name: &str) -> Option<BuiltinScene> {
 
 /// A light that gives the irradiance `strength` where it faces a surface at the origin.
 fn light(position: Vec3, strength: f32, color: Vec3) -> PointLight {
-    PointLight {
-        position,
-        intensity: strength * position.length_squared(),
-        color,
-        padding: 0,
-    }
+    PointLight { position, intensity: strength * position.length_squared(), color, padding: 0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use emboss_kernels::interface::wrap;
+    use emboss_kernels::texture::sample_height;
+    use glam::Vec2;
     use std::collections::HashMap;
     use std::sync::LazyLock;
 
@@ -72,9 +70,7 @@ mod tests {
                 (b, c) = (c, b);
             }
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                *edges
-                    .entry([from, to].map(|p| p.to_array().map(f32::to_bits)))
-                    .or_default() += 1;
+                *edges.entry([from, to].map(|p| p.to_array().map(f32::to_bits))).or_default() += 1;
             }
         }
         edges
@@ -97,11 +93,7 @@ mod tests {
     fn assert_closed(mesh: &Mesh) {
         let edges = directed_edges(mesh);
         for ([from, to], count) in &edges {
-            assert_eq!(
-                (*count, edges.get(&[*to, *from])),
-                (1, Some(&1)),
-                "{from:?} {to:?}"
-            );
+            assert_eq!((*count, edges.get(&[*to, *from])), (1, Some(&1)), "{from:?} {to:?}");
         }
     }
 
@@ -112,10 +104,7 @@ mod tests {
             assert_eq!(scene.mesh.dropped, 0, "{name}");
             assert!(scene.view.is_normalized() && !scene.lights.is_empty(), "{name}");
             let (min, max) = scene.height.range;
-            assert!(
-                (0.0..0.1).contains(&min) && (0.9..=1.0).contains(&max),
-                "{name} uses {min} to {max}"
-            );
+            assert!((0.0..0.1).contains(&min) && (0.9..=1.0).contains(&max), "{name} uses {min} to {max}");
             for vertex in &scene.mesh.vertices {
                 assert!(vertex.normal.is_normalized(), "{name} {vertex:?}");
             }
@@ -143,10 +132,7 @@ mod tests {
             let expected =
                 ((5.0 * std::f64::consts::PI * u).sin() * (5.0 * std::f64::consts::PI * v).sin()).abs();
             // Half a code of 16 bits, and the rounding of f32 sines.
-            assert!(
-                (f64::from(map.texel(x, y)) - expected).abs() < 0.5 / 65535.0 + 4e-6,
-                "{x} {y}"
-            );
+            assert!((f64::from(map.texel(x, y)) - expected).abs() < 0.5 / 65535.0 + 4e-6, "{x} {y}");
         }
     }
 
@@ -156,21 +142,14 @@ mod tests {
         assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (2, 4));
         for vertex in &mesh.vertices {
             assert_eq!(vertex.normal, Vec3::Z);
-            assert_eq!(
-                vertex.position,
-                Vec3::new(4.0 * vertex.u - 2.0, 4.0 * vertex.v - 2.0, 0.0)
-            );
+            assert_eq!(vertex.position, Vec3::new(4.0 * vertex.u - 2.0, 4.0 * vertex.v - 2.0, 0.0));
         }
     }
 
     #[test]
     fn the_knot_is_closed_and_right_side_out() {
         let mesh = &KNOT.mesh;
-        assert!(
-            (2400..2600).contains(&mesh.triangles.len()),
-            "{}",
-            mesh.triangles.len()
-        );
+        assert!((2400..2600).contains(&mesh.triangles.len()), "{}", mesh.triangles.len());
         assert_closed(mesh);
         assert!(volume(mesh) > 0.0);
     }
@@ -181,19 +160,13 @@ mod tests {
         let mut normals = HashMap::new();
         let mut split = 0;
         for vertex in &mesh.vertices {
-            let before = normals.insert(
-                vertex.position.to_array().map(f32::to_bits),
-                (vertex.normal, vertex.u, vertex.v),
-            );
+            let before = normals
+                .insert(vertex.position.to_array().map(f32::to_bits), (vertex.normal, vertex.u, vertex.v));
             if let Some((normal, u, v)) = before {
                 split += 1;
                 assert_eq!(normal, vertex.normal);
                 // Texture coordinates differ by whole maps, so that wrapping gives the same texels.
-                assert_eq!(
-                    [(u - vertex.u).fract(), (v - vertex.v).fract()],
-                    [0.0, 0.0],
-                    "{vertex:?}"
-                );
+                assert_eq!([(u - vertex.u).fract(), (v - vertex.v).fract()], [0.0, 0.0], "{vertex:?}");
             }
         }
         assert!(split > 100, "the seams have {split} vertices in all");
@@ -202,11 +175,8 @@ mod tests {
     /// Greatest step between neighbours in a row, `x` to `x + 1`, and between those across the seam.
     fn steps(map: &HeightMap, size: u32, texel: impl Fn(u32, u32) -> f32) -> (f32, f32) {
         let across = map.width * map.height / size;
-        let step = |i: u32, j: u32| {
-            (0..across)
-                .map(|k| (texel(i, k) - texel(j, k)).abs())
-                .fold(0.0, f32::max)
-        };
+        let step =
+            |i: u32, j: u32| (0..across).map(|k| (texel(i, k) - texel(j, k)).abs()).fold(0.0, f32::max);
         let inside = (0..size - 1).map(|i| step(i, i + 1)).fold(0.0, f32::max);
         (inside, step(size - 1, 0))
     }
@@ -218,5 +188,22 @@ mod tests {
         assert!(seam <= inside, "along: {seam} at the seam, {inside} elsewhere");
         let (inside, seam) = steps(map, map.height, |y, x| map.texel(x, y));
         assert!(seam <= inside, "around: {seam} at the seam, {inside} elsewhere");
+    }
+
+    #[test]
+    fn the_knots_heights_agree_across_its_seams() {
+        let map = &KNOT.height;
+        let height = |u, v| {
+            sample_height(&map.texels, map.format, wrap::REPEAT, map.width, map.height, Vec2::new(u, v))
+        };
+        for k in 0..=1000u16 {
+            let along = f32::from(k) / 1000.0;
+            // The same four texels with the same weights of one half: each side leaves their range by 3 ulp at most.
+            let tolerance = 6.0 * f32::EPSILON;
+            let (a, b) = (height(0.0, along), height(1.0, along));
+            assert!((a - b).abs() <= tolerance, "v = {along}: {a} {b}");
+            let (a, b) = (height(along, 0.0), height(along, 1.0));
+            assert!((a - b).abs() <= tolerance, "u = {along}: {a} {b}");
+        }
     }
 }

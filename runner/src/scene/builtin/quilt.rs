@@ -21,11 +21,7 @@ pub(super) fn scene() -> BuiltinScene {
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_SIDE, MAP_SIDE, texels.iter().map(|t| t.0)),
-        color: Some(ColorMap::from_linear(
-            MAP_SIDE,
-            MAP_SIDE,
-            texels.iter().map(|t| t.1),
-        )),
+        color: Some(ColorMap::from_linear(MAP_SIDE, MAP_SIDE, texels.iter().map(|t| t.1))),
         zero: 0.0,
         scale: 0.3,
         subdivisions: 512,
@@ -55,10 +51,7 @@ fn texel(uv: Vec2) -> (f32, Vec3) {
     let button = button(to_button);
     let is_button = smoothstep(BUTTON * 1.06, BUTTON, to_button);
     let height = lerp(pillow, button, is_button);
-    (
-        height.clamp(0.0, 1.0),
-        leather(uv, pillow, p).lerp(brass(to_button), is_button),
-    )
+    (height.clamp(0.0, 1.0), leather(uv, pillow, p).lerp(brass(to_button), is_button))
 }
 
 /// A cushion between seams, drawn in at the buttons of its corners, with stitches along the seams.
@@ -106,8 +99,5 @@ fn leather(uv: Vec2, height: f32, p: Vec2) -> Vec3 {
 
 /// Brass, tarnished towards its rim.
 fn brass(to_button: f32) -> Vec3 {
-    Vec3::new(0.72, 0.47, 0.16).lerp(
-        Vec3::new(0.3, 0.17, 0.05),
-        smoothstep(0.3, 1.0, to_button / BUTTON),
-    )
+    Vec3::new(0.72, 0.47, 0.16).lerp(Vec3::new(0.3, 0.17, 0.05), smoothstep(0.3, 1.0, to_button / BUTTON))
 }

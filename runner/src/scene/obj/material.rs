@@ -94,10 +94,7 @@ fn parse(text: &str, path: &Path) -> Vec<Material> {
     for line in text.lines().map(str::trim) {
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         if keyword == "newmtl" {
-            materials.push(Material {
-                name: rest.trim().into(),
-                ..Material::default()
-            });
+            materials.push(Material { name: rest.trim().into(), ..Material::default() });
         } else if let Some(material) = materials.last_mut() {
             material.set_map(&keyword.to_ascii_lowercase(), folder, rest);
         }
@@ -152,8 +149,7 @@ fn argument_count(option: &str) -> (usize, usize) {
 
 /// The first word and what follows it, without the space between.
 fn split_word(text: &str) -> (&str, &str) {
-    text.split_once(char::is_whitespace)
-        .map_or((text, ""), |(word, after)| (word, after.trim_start()))
+    text.split_once(char::is_whitespace).map_or((text, ""), |(word, after)| (word, after.trim_start()))
 }
 
 /// A path relative to a folder; Windows' separators are understood everywhere.

@@ -22,62 +22,39 @@ use survey::Survey;
 pub fn load_obj(path: &Path) -> Result<(Mesh, MaterialMaps), SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
-    let survey = Survey::of(text).map_err(|(line, problem)| SceneError::Obj {
-        path: path.into(),
-        line,
-        problem,
-    })?;
+    let survey =
+        Survey::of(text).map_err(|(line, problem)| SceneError::Obj { path: path.into(), line, problem })?;
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
     let mut mesh = triangulate(path, &survey.reduce(text))?;
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
-        return Err(SceneError::NoArea {
-            path: path.into(),
-            dropped: mesh.dropped,
-        });
+        return Err(SceneError::NoArea { path: path.into(), dropped: mesh.dropped });
     }
     Ok((mesh, material::load_maps(path, &survey)))
 }
 
 /// The file as UTF-8.
 fn read_text(path: &Path) -> Result<String, SceneError> {
-    let bytes = fs::read(path).map_err(|source| SceneError::Unreadable {
-        path: path.into(),
-        source,
-    })?;
+    let bytes = fs::read(path).map_err(|source| SceneError::Unreadable { path: path.into(), source })?;
     String::from_utf8(bytes).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
-        SceneError::NotUtf8 {
-            path: path.into(),
-            line,
-        }
+        SceneError::NotUtf8 { path: path.into(), line }
     })
 }
 
 /// The mesh of a text that [`Survey::reduce`] gave.
 fn triangulate(path: &Path, text: &str) -> Result<Mesh, SceneError> {
-    let options = tobj::LoadOptions {
-        single_index: true,
-        triangulate: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { single_index: true, triangulate: true, ..Default::default() };
     let no_materials = |_: &Path| Ok(Default::default());
-    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials).map_err(|source| {
-        SceneError::Tobj {
-            path: path.into(),
-            source,
-        }
-    })?;
+    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
+        .map_err(|source| SceneError::Tobj { path: path.into(), source })?;
     let mut vertices = Vec::new();
     let mut triangles = Vec::new();
     for tobj::Model { mesh, .. } in &models {
-        debug_assert!(
-            vertices.is_empty(),
-            "the reduced text has one object, so indices need no offset"
-        );
+        debug_assert!(vertices.is_empty(), "the reduced text has one object, so indices need no offset");
         vertices.extend(corners(mesh));
         triangles.extend_from_slice(mesh.indices.as_chunks().0);
     }
@@ -89,16 +66,12 @@ fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = Vertex> {
     let positions = mesh.positions.as_chunks::<3>().0;
     let texture_coordinates = mesh.texcoords.as_chunks::<2>().0;
     let normals = mesh.normals.as_chunks::<3>().0;
-    positions
-        .iter()
-        .zip(texture_coordinates)
-        .zip(normals)
-        .map(|((&position, &[u, v]), &normal)| Vertex {
-            position: position.into(),
-            u,
-            normal: normal.into(),
-            v,
-        })
+    positions.iter().zip(texture_coordinates).zip(normals).map(|((&position, &[u, v]), &normal)| Vertex {
+        position: position.into(),
+        u,
+        normal: normal.into(),
+        v,
+    })
 }
 
 #[cfg(test)]

@@ -40,9 +40,7 @@ impl Survey {
     pub(super) fn of(text: &str) -> Result<Self, (usize, ObjProblem)> {
         let mut survey = Self::default();
         for (line, content) in logical_lines(text) {
-            survey
-                .add_line(line, &content)
-                .map_err(|problem| (line, problem))?;
+            survey.add_line(line, &content).map_err(|problem| (line, problem))?;
         }
         survey.check_forward()?;
         Ok(survey)
@@ -66,21 +64,13 @@ impl Survey {
     /// Counts a vertex, texture coordinate or normal after checking its numbers.
     fn add_element(&mut self, attribute: usize, rest: &str) -> Result<(), ObjProblem> {
         let element = ELEMENTS[attribute];
-        let needed = if element == Element::TextureCoordinate {
-            2
-        } else {
-            3
-        };
+        let needed = if element == Element::TextureCoordinate { 2 } else { 3 };
         let words: Vec<&str> = data(rest).split_whitespace().collect();
         let weighted = element == Element::Vertex && words.len() == 4;
         let used = if weighted { 4 } else { needed };
         let numbers: Option<Vec<f32>> = words.iter().take(used).map(|word| word.parse().ok()).collect();
         let Some(numbers) = numbers.filter(|numbers| numbers.len() == used) else {
-            return Err(ObjProblem::Numbers {
-                element,
-                needed,
-                found: data(rest).trim().into(),
-            });
+            return Err(ObjProblem::Numbers { element, needed, found: data(rest).trim().into() });
         };
         let weight = if weighted { numbers[3] } else { 1.0 };
         if weight == 0.0 {
@@ -118,18 +108,10 @@ impl Survey {
                 None => {}
                 Some(0) => return Err(ObjProblem::ZeroIndex { element }),
                 Some(index) if index < 0 && index.unsigned_abs() > count => {
-                    return Err(ObjProblem::BeforeStart {
-                        element,
-                        index,
-                        count,
-                    });
+                    return Err(ObjProblem::BeforeStart { element, index, count });
                 }
                 Some(index) if index > 0 && index.unsigned_abs() > count => {
-                    self.forward.push(Reference {
-                        line,
-                        element,
-                        index: index.unsigned_abs(),
-                    });
+                    self.forward.push(Reference { line, element, index: index.unsigned_abs() });
                 }
                 Some(_) => {}
             }
@@ -139,10 +121,7 @@ impl Survey {
 
     /// The problem of a corner of the present object without texture coordinates.
     fn no_texture_coordinates(&self) -> ObjProblem {
-        let object = self
-            .object
-            .as_ref()
-            .map_or("the model".into(), |name| format!("object `{name}`"));
+        let object = self.object.as_ref().map_or("the model".into(), |name| format!("object `{name}`"));
         ObjProblem::NoTextureCoordinates { object }
     }
 
@@ -163,14 +142,7 @@ impl Survey {
         for Reference { line, element, index } in self.forward.drain(..) {
             let count = self.counts[element as usize];
             if index > count {
-                return Err((
-                    line,
-                    ObjProblem::BeyondEnd {
-                        element,
-                        index,
-                        count,
-                    },
-                ));
+                return Err((line, ObjProblem::BeyondEnd { element, index, count }));
             }
         }
         Ok(())
@@ -234,9 +206,7 @@ fn push_words<'a>(reduced: &mut String, keyword: &str, words: impl Iterator<Item
 
 /// The indices of `vertex/texture/normal`, those left out as `None`.
 fn parse_corner(corner: &str) -> Result<[Option<isize>; 3], ObjProblem> {
-    let bad = || ObjProblem::Corner {
-        corner: corner.into(),
-    };
+    let bad = || ObjProblem::Corner { corner: corner.into() };
     let mut indices = [None; 3];
     for (i, word) in corner.split('/').enumerate() {
         let slot = indices.get_mut(i).ok_or_else(bad)?;
@@ -244,19 +214,13 @@ fn parse_corner(corner: &str) -> Result<[Option<isize>; 3], ObjProblem> {
             *slot = Some(word.parse().map_err(|_| bad())?);
         }
     }
-    if indices[0].is_none() {
-        Err(bad())
-    } else {
-        Ok(indices)
-    }
+    if indices[0].is_none() { Err(bad()) } else { Ok(indices) }
 }
 
 /// The first word of a line, and what follows it.
 fn split_keyword(content: &str) -> (&str, &str) {
     let content = content.trim_start();
-    content
-        .split_once(char::is_whitespace)
-        .unwrap_or((content.trim_end(), ""))
+    content.split_once(char::is_whitespace).unwrap_or((content.trim_end(), ""))
 }
 
 /// A line of numbers without the comment at its end.
@@ -281,8 +245,5 @@ fn logical_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
 
 /// What stands before a backslash at the end of a line that is no comment.
 fn continued(content: &str) -> Option<&str> {
-    content
-        .trim_end()
-        .strip_suffix('\\')
-        .filter(|head| !head.trim_start().starts_with('#'))
+    content.trim_end().strip_suffix('\\').filter(|head| !head.trim_start().starts_with('#'))
 }

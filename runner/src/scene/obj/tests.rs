@@ -30,10 +30,7 @@ fn message(model: impl AsRef<[u8]>) -> String {
     let (folder, path) = folder(model, &[]);
     let message = load_obj(&path).expect_err("the model is broken").to_string();
     let prefix = format!("{}/", folder.path().display());
-    message
-        .strip_prefix(&prefix)
-        .unwrap_or_else(|| panic!("{message} names no file"))
-        .into()
+    message.strip_prefix(&prefix).unwrap_or_else(|| panic!("{message} names no file")).into()
 }
 
 /// The square of lines 1 to 8, and then `faces` from line 9.
@@ -62,10 +59,7 @@ fn logged<T>(f: impl FnOnce() -> T) -> (T, String) {
     }
     let log = Log::default();
     let writer = log.clone();
-    let subscriber = tracing_subscriber::fmt()
-        .with_writer(move || writer.clone())
-        .with_ansi(false)
-        .finish();
+    let subscriber = tracing_subscriber::fmt().with_writer(move || writer.clone()).with_ansi(false).finish();
     let result = tracing::subscriber::with_default(subscriber, f);
     let text = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
     (result, text)
@@ -74,18 +68,12 @@ fn logged<T>(f: impl FnOnce() -> T) -> (T, String) {
 #[test]
 fn a_quad_becomes_two_triangles_with_one_normal() {
     let mesh = load(square("f 1/1 2/2 3/3 4/4\n")).unwrap();
-    assert_eq!(
-        (mesh.vertices.len(), mesh.triangles.len(), mesh.dropped),
-        (4, 2, 0)
-    );
+    assert_eq!((mesh.vertices.len(), mesh.triangles.len(), mesh.dropped), (4, 2, 0));
     for triangle in &mesh.triangles {
         assert_eq!(area_normal(&mesh, triangle), Vec3::Z);
     }
     for vertex in &mesh.vertices {
-        assert_eq!(
-            (vertex.normal, vertex.u, vertex.v),
-            (Vec3::Z, vertex.position.x, vertex.position.y)
-        );
+        assert_eq!((vertex.normal, vertex.u, vertex.v), (Vec3::Z, vertex.position.x, vertex.position.y));
     }
 }
 
@@ -134,19 +122,15 @@ fn windows_line_ends_comments_and_a_byte_order_mark_do_not_matter() {
 fn colours_weights_and_polylines_do_not_matter() {
     let plain = load(square("f 1/1 2/2 3/3 4/4\n")).unwrap();
     let text = square("l 1 2 3\nl 1/1 2/2 3/3 4/4\np 1\nf 1/1 2/2 3/3 4/4\n");
-    let text = text
-        .replace("v 1 1 0", "v 1 1 0 0.5 0.5 0.5")
-        .replace("v 1 0 0", "v 2 0 0 2");
+    let text = text.replace("v 1 1 0", "v 1 1 0 0.5 0.5 0.5").replace("v 1 0 0", "v 2 0 0 2");
     let mesh = load(text).unwrap();
     assert_eq!((plain.vertices, plain.triangles), (mesh.vertices, mesh.triangles));
 }
 
 #[test]
 fn objects_and_groups_are_merged() {
-    let mesh = load(square(
-        "o a\nf 1/1 2/2 3/3\ng b\nf 1/1 3/3 4/4\no later\nf 5/1 2/2 3/3\nv 0 0 1\n",
-    ))
-    .unwrap();
+    let mesh =
+        load(square("o a\nf 1/1 2/2 3/3\ng b\nf 1/1 3/3 4/4\no later\nf 5/1 2/2 3/3\nv 0 0 1\n")).unwrap();
     assert_eq!(mesh.triangles.len(), 3);
     assert_eq!(mesh.vertices.len(), 5);
 }
@@ -154,13 +138,8 @@ fn objects_and_groups_are_merged() {
 #[test]
 fn missing_and_zero_normals_are_computed_and_others_normalised() {
     let mesh = load(square("vn 0 3 4\nvn 0 0 0\nf 1/1/1 2/2/2 3/3 4/4/\n")).unwrap();
-    let at = |x: f32, y: f32| {
-        mesh.vertices
-            .iter()
-            .find(|v| v.position == Vec3::new(x, y, 0.0))
-            .unwrap()
-            .normal
-    };
+    let at =
+        |x: f32, y: f32| mesh.vertices.iter().find(|v| v.position == Vec3::new(x, y, 0.0)).unwrap().normal;
     // One rounding of f32 each.
     assert!(at(0.0, 0.0).abs_diff_eq(Vec3::new(0.0, 0.6, 0.8), f32::EPSILON / 2.0));
     assert_eq!([at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)], [Vec3::Z; 3]);
@@ -171,18 +150,11 @@ fn a_texture_seam_splits_vertices_but_not_computed_normals() {
     let text = square("v 0 0 -1\nv 0 1 -1\nf 1/1 2/2 3/3 4/4\nf 5/1 1/2 4/3 6/4\n");
     let mesh = load(text).unwrap();
     assert_eq!(mesh.vertices.len(), 8);
-    let seam: Vec<_> = mesh
-        .vertices
-        .iter()
-        .filter(|v| v.position.x == 0.0 && v.position.z == 0.0)
-        .collect();
+    let seam: Vec<_> = mesh.vertices.iter().filter(|v| v.position.x == 0.0 && v.position.z == 0.0).collect();
     assert_eq!(seam.len(), 4);
     // Each end of the seam has one triangle of the fan on one side and two on the other, of the same area.
     for pair in seam.chunks(2) {
-        assert_eq!(
-            (pair[0].position, pair[0].normal),
-            (pair[1].position, pair[1].normal)
-        );
+        assert_eq!((pair[0].position, pair[0].normal), (pair[1].position, pair[1].normal));
         assert!(pair[0].normal.z > 0.1 && pair[0].normal.x < -0.1, "{pair:?}");
     }
 }
@@ -199,21 +171,12 @@ fn broken_files_are_named_with_a_remedy() {
     let missing = folder.path().join("missing.obj");
     for path in [&missing, &folder.path().to_path_buf()] {
         let message = load_obj(path).unwrap_err().to_string();
-        assert!(
-            message.starts_with(&format!("{}: cannot be read: ", path.display())),
-            "{message}"
-        );
-        assert!(
-            message.ends_with("; check the path and its permissions"),
-            "{message}"
-        );
+        assert!(message.starts_with(&format!("{}: cannot be read: ", path.display())), "{message}");
+        assert!(message.ends_with("; check the path and its permissions"), "{message}");
     }
     let message_of_empty =
         "has no faces; export the mesh with its polygons, and check that it is an OBJ file";
-    assert_eq!(
-        load_obj(&path).unwrap_err().to_string(),
-        format!("{}: {message_of_empty}", path.display())
-    );
+    assert_eq!(load_obj(&path).unwrap_err().to_string(), format!("{}: {message_of_empty}", path.display()));
     assert_eq!(message(SQUARE), format!("model.obj: {message_of_empty}"));
     assert_eq!(
         message(square("f 1/1 2/2 2/2\nf 1/1 2/2\n")),
@@ -228,46 +191,16 @@ fn broken_files_are_named_with_a_remedy() {
 #[test]
 fn broken_numbers_are_named_with_line_and_remedy() {
     for (text, expected) in [
-        (
-            "v 1 2\n",
-            "1: a vertex needs 3 numbers, but here stands `1 2`; check the export",
-        ),
-        (
-            "\nv 1 2 x # no\n",
-            "2: a vertex needs 3 numbers, but here stands `1 2 x`; check the export",
-        ),
-        (
-            "vt 0.5\n",
-            "1: a texture coordinate needs 2 numbers, but here stands `0.5`; check the export",
-        ),
-        (
-            "vn\n",
-            "1: a normal needs 3 numbers, but here stands ``; check the export",
-        ),
-        (
-            "v 1 2 \\\n nan\n",
-            "1: this vertex is NaN or infinite; repair the mesh before exporting it",
-        ),
-        (
-            "v 1 2 1e39\n",
-            "1: this vertex is NaN or infinite; repair the mesh before exporting it",
-        ),
-        (
-            "v 1 2 3 1e-45\n",
-            "1: this vertex is NaN or infinite; repair the mesh before exporting it",
-        ),
-        (
-            "v 1 2 3 nan\n",
-            "1: this vertex is NaN or infinite; repair the mesh before exporting it",
-        ),
-        (
-            "vt inf 0\n",
-            "1: this texture coordinate is NaN or infinite; repair the mesh before exporting it",
-        ),
-        (
-            "vn 0 -inf 0\n",
-            "1: this normal is NaN or infinite; repair the mesh before exporting it",
-        ),
+        ("v 1 2\n", "1: a vertex needs 3 numbers, but here stands `1 2`; check the export"),
+        ("\nv 1 2 x # no\n", "2: a vertex needs 3 numbers, but here stands `1 2 x`; check the export"),
+        ("vt 0.5\n", "1: a texture coordinate needs 2 numbers, but here stands `0.5`; check the export"),
+        ("vn\n", "1: a normal needs 3 numbers, but here stands ``; check the export"),
+        ("v 1 2 \\\n nan\n", "1: this vertex is NaN or infinite; repair the mesh before exporting it"),
+        ("v 1 2 1e39\n", "1: this vertex is NaN or infinite; repair the mesh before exporting it"),
+        ("v 1 2 3 1e-45\n", "1: this vertex is NaN or infinite; repair the mesh before exporting it"),
+        ("v 1 2 3 nan\n", "1: this vertex is NaN or infinite; repair the mesh before exporting it"),
+        ("vt inf 0\n", "1: this texture coordinate is NaN or infinite; repair the mesh before exporting it"),
+        ("vn 0 -inf 0\n", "1: this normal is NaN or infinite; repair the mesh before exporting it"),
         (
             "v 1 2 3 0\n",
             "1: this vertex has the weight 0, so that it lies at infinity; leave the fourth number out",
@@ -281,10 +214,7 @@ fn broken_numbers_are_named_with_line_and_remedy() {
 fn broken_faces_are_named_with_line_and_remedy() {
     let form = "write it as vertex/texture or vertex/texture/normal, in whole numbers";
     for (faces, expected) in [
-        (
-            "f 1/1 2/2 9/3\n",
-            "9: face points to vertex 9, but the file has 4 vertices; check the export",
-        ),
+        ("f 1/1 2/2 9/3\n", "9: face points to vertex 9, but the file has 4 vertices; check the export"),
         (
             "f 1/1 2/2 3/5\n",
             "9: face points to texture coordinate 5, but the file has 4 texture coordinates; check the export",
@@ -311,22 +241,10 @@ fn broken_faces_are_named_with_line_and_remedy() {
         ),
         ("f\n", "9: this face has no corners; check the export"),
         ("f a 2/2 3/3\n", &format!("9: `a` is no corner of a face; {form}")),
-        (
-            "f /1 2/2 3/3\n",
-            &format!("9: `/1` is no corner of a face; {form}"),
-        ),
-        (
-            "f 1/1/1/1 2/2 3/3\n",
-            &format!("9: `1/1/1/1` is no corner of a face; {form}"),
-        ),
-        (
-            "f 1.5/1 2/2 3/3\n",
-            &format!("9: `1.5/1` is no corner of a face; {form}"),
-        ),
-        (
-            "f 1 2 3\n",
-            "9: the model has a face without texture coordinates; unwrap its UVs and export them",
-        ),
+        ("f /1 2/2 3/3\n", &format!("9: `/1` is no corner of a face; {form}")),
+        ("f 1/1/1/1 2/2 3/3\n", &format!("9: `1/1/1/1` is no corner of a face; {form}")),
+        ("f 1.5/1 2/2 3/3\n", &format!("9: `1.5/1` is no corner of a face; {form}")),
+        ("f 1 2 3\n", "9: the model has a face without texture coordinates; unwrap its UVs and export them"),
         (
             "o Left arm\nf 1//1 2 3\n",
             "10: object `Left arm` has a face without texture coordinates; unwrap its UVs and export them",
@@ -340,20 +258,14 @@ fn broken_faces_are_named_with_line_and_remedy() {
 fn what_the_survey_passes_tobj_reads() {
     // An index that wraps around in tobj, and forward references beyond an object's end.
     assert!(load(square("f -9223372036854775808/1 2/2 3/3\n")).is_err());
-    assert!(
-        load(square(
-            "o a\nf 1/1 2/2 5/5\no b\nv 2 2 2\nvt 2 2\nf 1/1 2/2 5/5\n"
-        ))
-        .is_ok()
-    );
+    assert!(load(square("o a\nf 1/1 2/2 5/5\no b\nv 2 2 2\nvt 2 2\nf 1/1 2/2 5/5\n")).is_ok());
 }
 
 /// A model that uses materials `a` and `b` of two libraries, in the order of `used`.
 fn with_materials(used: [&str; 2], library: &str) -> (MaterialMaps, String, TempDir) {
     let [first, second] = used;
-    let model = square(&format!(
-        "mtllib model.mtl\nusemtl {first}\nf 1/1 2/2 3/3\nusemtl {second}\nf 1/1 3/3 4/4\n"
-    ));
+    let model =
+        square(&format!("mtllib model.mtl\nusemtl {first}\nf 1/1 2/2 3/3\nusemtl {second}\nf 1/1 3/3 4/4\n"));
     let (folder, path) = folder(model, &[("model.mtl", library)]);
     let (result, log) = logged(|| load_obj(&path));
     (result.unwrap().1, log, folder)
@@ -391,10 +303,7 @@ fn the_first_used_materials_map_counts_and_others_are_warned_of() {
     assert_eq!(maps.color, Some(folder.path().join("b.png")));
     assert_eq!(maps.height, Some(folder.path().join("h.png")));
     assert!(log.contains("several colour maps"), "{log}");
-    assert!(
-        log.contains("b.png is used everywhere") && log.contains("a.png is not"),
-        "{log}"
-    );
+    assert!(log.contains("b.png is used everywhere") && log.contains("a.png is not"), "{log}");
     assert!(!log.contains("idle.png") && !log.contains("h.png"), "{log}");
 }
 
