@@ -191,7 +191,7 @@ fn statistics_have_every_number() {
     assert_eq!(number("/pixels_hit"), number("/work/hits") / 2.0);
     assert!(number("/pixels_hit") > 16.0 && number("/pixels_hit") < 16.0 * 12.0);
     assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
-    assert_eq!(number("/bytes/triangles"), 12.0 * 16.0);
+    assert_eq!(number("/bytes/triangles"), 12.0 * 24.0);
     assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
     for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/steps", "/work/triangles"] {
         assert!(number(positive) > 0.0, "{positive}");
