@@ -86,6 +86,8 @@ struct Conic {
     bend: Vec3,
     /// Per edge direction: bound on |det(v, n_i, n_j)| over a micro-edge.
     twist: Vec3,
+    /// Bound on the bracket of any micro-edge in the prism.
+    bracket: f32,
     /// +1 where the stored vertices are counter-clockwise seen along the normals, else -1.
     orientation: f32,
     /// Bound on a flag's rounding error.
@@ -160,19 +162,21 @@ impl Conic {
         let rounding = steepness * (shift + 16.0 * UNIT_ROUNDOFF * offset) + 4.0 * UNIT_ROUNDOFF * offset;
 
         let margin = 1e-3 * (high - low) + shift;
+        let (lift_min, lift_max) = (low - margin, high + margin);
         Conic {
             q_diagonal,
             q_mixed,
             bend,
             twist,
+            bracket: bend.max_element() + (lift_max - lift_min) * twist.max_element(),
             orientation,
             rounding,
             origin,
             t_origin,
             shift,
             reach: extent * per_edge + shift,
-            lift_min: low - margin,
-            lift_max: high + margin,
+            lift_min,
+            lift_max,
             wild,
             n,
         }
@@ -207,10 +211,19 @@ impl Conic {
         0.25 * (component(self.bend, e) + lift_difference.abs() * component(self.twist, e)) + self.rounding
     }
 
-    /// Bound on the bracket of any micro-edge in the prism.
+    /// Whether the ray can hit the cell that lies across a vertex from one on the path, having no edge in common with
+    /// it. `at_vertex`, `a`, `b`: the flags of the cell on the path.
+    ///
+    /// The other cell is the reflection of this one in the vertex, so its flags are 2 f - a and 2 f - b to within twice
+    /// the bend. In the identity above, with all three of one sign, sum b_i f_i is at least the share of the two far
+    /// vertices times their flags, and at most that share times the bracket: no hit where both are beyond it, nor
+    /// where the vertex itself is beyond a third of it.
     #[inline]
-    fn widest_bracket(&self) -> f32 {
-        self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element()
+    fn opposite_cell_in_reach(&self, at_vertex: f32, a: f32, b: f32) -> bool {
+        let sign = if at_vertex < 0.0 { -1.0 } else { 1.0 };
+        let nearest_far = (2.0 * at_vertex * sign - a * sign).min(2.0 * at_vertex * sign - b * sign);
+        at_vertex.abs() <= self.bracket * (1.0 / 3.0) + self.rounding
+            && nearest_far <= self.bracket + 2.0 * self.bend.max_element() + self.rounding
     }
 
     /// Whether columns over the triangle may overlap within the prism, so that signs no longer tell left from right.
@@ -727,8 +740,8 @@ impl Corners {
         base.intersect_cell(ray, cell, self.a.position, self.b.position, self.c.position, nearest)
     }
 
-    /// Whether signs decide what happens in this cell. They do not where all are equal or one is within rounding of
-    /// zero.
+    /// Whether signs decide what happens in this cell. They do not where all are equal, one is within rounding of
+    /// zero, or a hit is possible across a vertex.
     #[inline]
     fn judge(&self, conic: &Conic) -> Judgement {
         let (x, y, z) = (self.flags.x >= 0.0, self.flags.y >= 0.0, self.flags.z >= 0.0);
@@ -743,7 +756,11 @@ impl Corners {
         };
         Judgement {
             aside: if near <= conic.doubt(edge, lifts) { edge } else { 3 },
-            doubtful: x == y && y == z || magnitude.min_element() <= conic.rounding,
+            doubtful: x == y && y == z
+                || magnitude.min_element() <= conic.rounding
+                || conic.opposite_cell_in_reach(self.flags.x, self.flags.y, self.flags.z)
+                || conic.opposite_cell_in_reach(self.flags.y, self.flags.z, self.flags.x)
+                || conic.opposite_cell_in_reach(self.flags.z, self.flags.x, self.flags.y),
         }
     }
 
@@ -753,7 +770,7 @@ impl Corners {
     fn goes_on_beyond(&self, conic: &Conic, e: u32) -> bool {
         let new = component(self.flags, e);
         let edge = component(self.flags, if e == 0 { 1 } else { 0 });
-        (new >= 0.0) != (edge >= 0.0) || new.abs() <= 0.25 * conic.widest_bracket() + conic.rounding
+        (new >= 0.0) != (edge >= 0.0) || new.abs() <= 0.25 * conic.bracket + conic.rounding
     }
 }
 
