@@ -1,0 +1,163 @@
+//! The grid walk against brute force on the built-in scenes, and what tracing promises whatever the method.
+
+use bytemuck::bytes_of;
+use emboss::backend::cpu::CpuBackend;
+use emboss::backend::{Backend, SceneBuffers};
+use emboss::render::{Job, Scene};
+use emboss::settings::Wrap;
+use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, method};
+use emboss_kernels::scene::Features;
+use emboss_tests::{Numbers, RaySource, scenes};
+use glam::{Quat, Vec3};
+
+/// The nearest hits of rays.
+fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
+    let mut backend = CpuBackend::new();
+    let features = Features { method, ..job.features };
+    backend.load(&job.buffers, &job.frame, features).expect("a built-in scene fits");
+    backend.trace_rays(rays).expect("the CPU does not fail")
+}
+
+/// A built-in scene at another N.
+fn subdivided(name: &str, subdivisions: u32) -> Job {
+    scenes::ready(Scene { subdivisions, ..scenes::builtin(name) }, Wrap::Repeat)
+}
+
+/// So many rays of each kind: from outside, from inside the relief, grazing, along normals, towards edges.
+fn rays(job: &Job, seed: u64, of_each: usize) -> Vec<Ray> {
+    let mut source = RaySource::new(job, seed);
+    let five = |_| {
+        [
+            source.from_outside(),
+            source.from_inside(),
+            source.grazing(),
+            source.along_normal(),
+            source.towards_edge(),
+        ]
+    };
+    (0..of_each).flat_map(five).collect()
+}
+
+/// Panics with the first of the differences between two lists of answers to the same rays. Every field counts,
+/// bit for bit.
+fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Intersection]) {
+    let differences: Vec<_> = rays
+        .iter()
+        .zip(left.iter().zip(right))
+        .filter(|(_, (left, right))| bytes_of(*left) != bytes_of(*right))
+        .collect();
+    if let Some((ray, (left, right))) = differences.first() {
+        let n = job.frame.displacement.subdivisions;
+        let (count, of) = (differences.len(), rays.len());
+        panic!("N = {n}: {count} of {of} rays differ, first\n{ray:?}\n{left:?}\n{right:?}");
+    }
+}
+
+/// Both methods on rays of all kinds, and on those that leave what they hit.
+fn compare_methods(name: &str, subdivisions: u32, of_each: usize) {
+    let job = subdivided(name, subdivisions);
+    let first = rays(&job, u64::from(subdivisions), of_each);
+    let hits = traced(&job, method::BRUTE_FORCE, &first);
+    assert_identical(&job, &first, &traced(&job, method::GRID_WALK, &first), &hits);
+
+    let mut source = RaySource::new(&job, 100 + u64::from(subdivisions));
+    let hits: Vec<_> = hits.into_iter().filter(|hit| hit.primitive != MISS).collect();
+    assert!(4 * hits.len() > first.len(), "{} hits are no test", hits.len());
+    let second: Vec<Ray> = hits.iter().map(|hit| source.leaving(hit)).collect();
+    let walked = traced(&job, method::GRID_WALK, &second);
+    assert_identical(&job, &second, &walked, &traced(&job, method::BRUTE_FORCE, &second));
+}
+
+fn compare_methods_at_all_n(name: &str, of_each: usize) {
+    for n in [1, 3, 8, 17] {
+        compare_methods(name, n, of_each);
+    }
+    compare_methods(name, 64, of_each / 10);
+}
+
+#[test]
+fn grid_walk_is_brute_force_on_the_cube() {
+    compare_methods_at_all_n("builtin:cube", 2000);
+}
+
+#[test]
+fn grid_walk_is_brute_force_on_the_quilt() {
+    compare_methods_at_all_n("builtin:quilt", 2000);
+}
+
+#[test]
+fn grid_walk_is_brute_force_on_the_knot() {
+    compare_methods_at_all_n("builtin:knot", 2000);
+}
+
+/// The tree of one leaf that holds all primitives in descending order.
+fn reversed_leaf(job: &Job) -> Job {
+    let root = job.buffers.nodes[0];
+    let primitives: Vec<u32> = (0..job.frame.triangle_count).rev().collect();
+    let leaf = BvhNode { first: 0, count: job.frame.triangle_count, ..root };
+    let buffers = SceneBuffers { nodes: vec![leaf], primitives, ..job.buffers.clone() };
+    Job { buffers, ..job.clone() }
+}
+
+/// Rays towards shared edges are ties by intent: the lower triangle, then the lower cell, wins.
+#[test]
+fn the_order_of_primitives_does_not_show() {
+    for (name, n, of_each) in
+        [("builtin:cube", 5, 2000), ("builtin:quilt", 8, 2000), ("builtin:knot", 3, 100)]
+    {
+        let job = subdivided(name, n);
+        let rays = rays(&job, 7, of_each);
+        for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
+            let hits = traced(&job, method, &rays);
+            assert_identical(&job, &rays, &hits, &traced(&reversed_leaf(&job), method, &rays));
+        }
+    }
+}
+
+/// Hits of rays from outside, and for each a ray that leaves it on the outer side.
+fn leaving_outwards(job: &Job, seed: u64, count: usize) -> Vec<(Intersection, Ray)> {
+    let mut source = RaySource::new(job, seed);
+    let rays: Vec<Ray> = (0..count).map(|_| source.from_outside()).collect();
+    let hits = traced(job, method::GRID_WALK, &rays);
+    let hits: Vec<_> = hits.into_iter().filter(|hit| hit.primitive != MISS).collect();
+    assert!(2 * hits.len() > count, "{} hits are no test", hits.len());
+    hits.into_iter().map(|hit| (hit, source.leaving_outwards(&hit))).collect()
+}
+
+/// Of a convex body nothing is in the way of a ray that leaves it. The spawned origin alone sees to that: `trace_rays`
+/// knows nothing of the triangle that is left.
+#[test]
+fn rays_that_leave_a_convex_body_hit_nothing() {
+    let mut numbers = Numbers::new(3);
+    for round in 0..20 {
+        let cube = Scene { scale: 0.0, subdivisions: 1 + round, ..scenes::builtin("builtin:cube") };
+        let (axis, angle) = (numbers.direction(), numbers.between(0.0, 6.0));
+        let (rotation, translation) = match round % 3 {
+            0 => (Quat::IDENTITY, Vec3::ZERO),
+            1 => (Quat::from_axis_angle(axis, angle), Vec3::ZERO),
+            _ => (Quat::from_axis_angle(axis, angle), numbers.in_cube() * 100.0),
+        };
+        let job = scenes::ready(scenes::moved(cube, rotation, translation), Wrap::Repeat);
+        let (hits, rays): (Vec<_>, Vec<_>) = leaving_outwards(&job, 5, 2000).into_iter().unzip();
+        for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
+            for ((hit, ray), again) in hits.iter().zip(&rays).zip(traced(&job, method, &rays)) {
+                assert_eq!(again.primitive, MISS, "round {round}\n{hit:?}\n{ray:?}\n{again:?}");
+            }
+        }
+    }
+}
+
+/// On a relief a ray can meet the surface again, but never the micro-triangle that it leaves.
+#[test]
+fn rays_never_hit_again_the_micro_triangle_that_they_leave() {
+    for (name, scale) in [("builtin:quilt", 1e-5), ("builtin:quilt", 0.3), ("builtin:knot", 0.2)] {
+        let job = scenes::ready(Scene { scale, subdivisions: 8, ..scenes::builtin(name) }, Wrap::Repeat);
+        let (hits, rays): (Vec<_>, Vec<_>) = leaving_outwards(&job, 6, 5000).into_iter().unzip();
+        for method in [method::BRUTE_FORCE, method::GRID_WALK] {
+            for ((hit, ray), again) in hits.iter().zip(&rays).zip(traced(&job, method, &rays)) {
+                let same = (again.primitive, again.cell) == (hit.primitive, hit.cell);
+                assert!(!same, "{name} at scale {scale}\n{hit:?}\n{ray:?}\n{again:?}");
+            }
+        }
+    }
+}
