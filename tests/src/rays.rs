@@ -61,14 +61,15 @@ impl<'a> RaySource<'a> {
         ray(p + normal * side, normal * -side.signum())
     }
 
-    /// Towards a corner or a point of an edge of the base mesh, undisplaced: where base triangles meet.
-    pub fn towards_edge(&mut self) -> Ray {
+    /// Towards a corner or a point of an edge of the base mesh, displaced to some height: where base triangles meet.
+    /// From a distance of so many radii.
+    pub fn towards_edge(&mut self, radii: f32) -> Ray {
         let primitive = self.numbers.below(self.job.frame.triangle_count);
         let s = if self.numbers.unit() < 0.2 { 0.0 } else { self.numbers.unit() };
         let w = [Vec3::new(1.0 - s, s, 0.0), Vec3::new(0.0, 1.0 - s, s), Vec3::new(s, 0.0, 1.0 - s)];
         let w = w[self.numbers.below(3) as usize];
         let target = self.point(primitive, w);
-        let origin = self.centre + self.numbers.direction() * (3.0 * self.radius);
+        let origin = self.centre + self.numbers.direction() * (radii * self.radius);
         ray(origin, (target - origin).normalize())
     }
 

@@ -6,7 +6,7 @@ use emboss::render::{Job, Scene};
 use emboss::settings::Wrap;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::scene::Features;
-use emboss_tests::oracle::{Clarity, Oracle};
+use emboss_tests::oracle::{Clarity, Disagreement, Oracle};
 use emboss_tests::{Numbers, RaySource, scenes};
 
 /// What became of the rays of a test.
@@ -14,6 +14,8 @@ use emboss_tests::{Numbers, RaySource, scenes};
 struct Tally {
     rays: u64,
     hits: u64,
+    /// Rays that rounding does not let through, whatever they hit.
+    must_hit: u64,
     /// Rays for which rounding left no choice.
     clear: u64,
     /// Hits on the micro-triangle that exact arithmetic finds nearest.
@@ -21,11 +23,17 @@ struct Tally {
 }
 
 impl Tally {
-    /// Asserts that the rays were a test: enough hits, and so few close calls that wrong answers had nowhere to hide.
-    fn assert_meaningful(&self) {
+    /// Asserts that rays at random were a test: enough hits, and so few close calls that wrong answers had nowhere to
+    /// hide.
+    fn assert_clear(&self) {
         assert!(2 * self.hits > self.rays, "too few hits: {self:?}");
-        assert!(20 * self.clear > 19 * self.rays, "too many close calls: {self:?}");
-        assert!(100 * self.same > 99 * self.hits, "too many other micro-triangles: {self:?}");
+        assert!(100 * self.clear > 98 * self.rays, "too many close calls: {self:?}");
+        assert!(1000 * self.same > 998 * self.hits, "too many other micro-triangles: {self:?}");
+    }
+
+    /// Asserts the same of rays that are aimed at edges: close calls, of which most must be hits of something.
+    fn assert_tight(&self) {
+        assert!(4 * self.must_hit > 3 * self.rays, "too few hits that are sure: {self:?}");
     }
 }
 
@@ -52,6 +60,7 @@ fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
                 Err(disagreement) => panic!("{disagreement:?}: {}", context()),
             }
             tally.rays += 1;
+            tally.must_hit += u64::from(answer.must_hit());
             if hit.primitive == MISS {
                 continue;
             }
@@ -68,28 +77,31 @@ fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
 /// So many rays of each kind.
 fn rays(job: &Job, seed: u64, of_each: usize) -> Vec<Ray> {
     let mut source = RaySource::new(job, seed);
-    let mut rays = Vec::new();
-    for _ in 0..of_each {
-        rays.extend([source.from_outside(), source.from_inside(), source.grazing()]);
-    }
-    let hits = traced(job, method::BRUTE_FORCE, &rays);
-    let leaving: Vec<Ray> = hits
-        .iter()
-        .filter(|hit| hit.primitive != MISS)
-        .take(of_each)
-        .map(|hit| source.leaving(hit))
-        .collect();
-    rays.extend(leaving);
-    rays
+    let three = |_| [source.from_outside(), source.from_inside(), source.grazing()];
+    (0..of_each).flat_map(three).collect()
+}
+
+/// Rays that leave the hits of `rays`. Each is close to the triangle that it leaves.
+fn leaving(job: &Job, seed: u64, rays: &[Ray]) -> Vec<Ray> {
+    let mut source = RaySource::new(job, seed);
+    let hits = traced(job, method::BRUTE_FORCE, rays);
+    hits.iter().filter(|hit| hit.primitive != MISS).map(|hit| source.leaving(hit)).collect()
+}
+
+/// Has rays of all kinds judged; those that leave a hit apart, since rounding always leaves them a choice.
+fn judge_all_kinds(job: &Job, seed: u64, of_each: usize, tally: &mut Tally) {
+    let rays = rays(job, seed, of_each);
+    judge(job, &rays, tally);
+    judge(job, &leaving(job, seed + 1, &rays), &mut Tally::default());
 }
 
 fn judge_builtin(name: &str, of_each: usize) {
     let mut tally = Tally::default();
     for n in [1, 3, 8] {
         let job = scenes::ready(Scene { subdivisions: n, ..scenes::builtin(name) }, Wrap::Repeat);
-        judge(&job, &rays(&job, u64::from(n), of_each), &mut tally);
+        judge_all_kinds(&job, u64::from(n), of_each, &mut tally);
     }
-    tally.assert_meaningful();
+    tally.assert_clear();
 }
 
 #[test]
@@ -118,24 +130,77 @@ fn random_solids_are_met_as_in_f64() {
         let spread = [0.0, 0.1, 0.5, 1.0][round % 4];
         let scene = scenes::random_solid(&mut numbers, formats[round % 3], spread);
         let job = scenes::ready(scene, wraps[round / 3 % 3]);
-        judge(&job, &rays(&job, numbers.bits(), 50), &mut tally);
+        judge_all_kinds(&job, numbers.bits() >> 1, 50, &mut tally);
     }
-    tally.assert_meaningful();
+    tally.assert_clear();
 }
 
-/// Rays through micro-vertices, and towards the edges where base triangles meet: mostly close calls, so that what is
-/// asked is that no ray gets through, and that what is hit can be.
-#[test]
-fn edges_and_vertices_let_no_ray_through() {
+/// Rays through micro-vertices, and towards the edges where base triangles meet.
+fn judge_edges(radii: f32, spread: f32) {
     let mut numbers = Numbers::new(2);
     let mut tally = Tally::default();
-    for round in 0..180 {
-        let scene = scenes::random_solid(&mut numbers, height_format::UNORM8, [0.0, 0.3][round % 2]);
+    for _ in 0..100 {
+        let scene = scenes::random_solid(&mut numbers, height_format::UNORM8, spread);
         let job = scenes::ready(scene, Wrap::Repeat);
         let mut source = RaySource::new(&job, numbers.bits());
-        let rays: Vec<Ray> =
-            (0..50).flat_map(|_| [source.along_normal(), source.towards_edge()]).collect();
+        let two = |_| [source.along_normal(), source.towards_edge(radii)];
+        let rays: Vec<Ray> = (0..100).flat_map(two).collect();
         judge(&job, &rays, &mut tally);
     }
-    assert!(10 * tally.hits > 9 * tally.rays, "too few hits: {tally:?}");
+    tally.assert_tight();
+}
+
+#[test]
+fn edges_and_vertices_let_no_ray_through() {
+    judge_edges(3.0, 0.0);
+    judge_edges(3.0, 0.3);
+}
+
+/// From a thousand radii away rounding moves a vertex a thousand times as far as from nearby, far beyond the rounding
+/// of the vertex itself.
+#[test]
+fn edges_and_vertices_let_no_ray_through_from_afar() {
+    judge_edges(1000.0, 0.0);
+    judge_edges(1000.0, 0.3);
+}
+
+/// The judge itself: each way of being wrong is found on clear rays.
+#[test]
+fn wrong_answers_are_found() {
+    let job = scenes::ready(Scene { subdivisions: 3, ..scenes::builtin("builtin:cube") }, Wrap::Repeat);
+    let oracle = Oracle::new(&job.buffers, &job.frame, job.features);
+    let rays: Vec<Ray> = rays(&job, 9, 100);
+    let mut judged = 0;
+    for (ray, hit) in rays.iter().zip(traced(&job, method::BRUTE_FORCE, &rays)) {
+        let answer = oracle.trace(ray);
+        if hit.primitive == MISS || answer.judge(&hit) != Ok(Clarity::Clear) {
+            continue;
+        }
+        judged += 1;
+        let passed_by = |wrong| assert_eq!(answer.judge(&wrong), Err(Disagreement::PassedBy));
+        passed_by(Intersection { cell: hit.cell ^ 1, ..hit });
+        passed_by(Intersection { primitive: hit.primitive ^ 1, ..hit });
+        let missed = answer.judge(&Intersection { primitive: MISS, ..hit });
+        assert!(matches!(missed, Err(Disagreement::Missed { .. })));
+        let farther = answer.judge(&Intersection { t: hit.t * 1.001, ..hit });
+        assert!(matches!(farther, Err(Disagreement::Distance { .. })));
+        if let Some(behind) = answer.meetings.iter().rev().find(|m| m.t_low > answer.meetings[0].t_high) {
+            // The ray's direction has any length; `t` is in its lengths.
+            let t = behind.t / f64::from(ray.direction.length());
+            #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+            let second = Intersection { primitive: behind.base, cell: behind.cell, t: t as f32, ..hit };
+            let wrong = answer.judge(&second);
+            assert!(wrong != Ok(Clarity::Clear), "{wrong:?}");
+        }
+        let surface = |wrong| oracle.judge_surface(ray, &answer, &wrong);
+        let moved = surface(Intersection { point: hit.point + hit.normal * 1e-3, ..hit });
+        assert!(matches!(moved, Err(Disagreement::Point { .. })));
+        let slid = surface(Intersection { b1: hit.b2, b2: 1.0 - hit.b1 - hit.b2, ..hit });
+        assert!(matches!(slid, Err(Disagreement::Point { .. })));
+        let inverted = surface(Intersection { normal: -hit.normal, ..hit });
+        assert!(matches!(inverted, Err(Disagreement::Normal { .. })));
+        let shifted = surface(Intersection { u: hit.u + 1e-4, ..hit });
+        assert!(matches!(shifted, Err(Disagreement::TextureCoordinates { .. })));
+    }
+    assert!(judged > 100, "{judged}");
 }

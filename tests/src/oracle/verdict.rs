@@ -104,6 +104,11 @@ impl Answer {
         }
     }
 
+    /// Whether f32 arithmetic cannot miss the surface, whatever it hits of it.
+    pub fn must_hit(&self) -> bool {
+        self.nearest_certain().is_some()
+    }
+
     /// Meetings that f32 arithmetic may report.
     fn possible(&self) -> impl Iterator<Item = &Meeting> {
         self.meetings.iter().filter(|m| m.t_low <= m.t_high && m.t_high >= 0.0 && m.t_low <= self.t_max)
