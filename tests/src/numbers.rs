@@ -32,7 +32,6 @@ impl Numbers {
     }
 
     /// An integer in [0, `n`), `n` above 0; the bias is below n / 2^32.
-    #[expect(clippy::cast_possible_truncation, reason = "the product of two 32-bit numbers, shifted by 32")]
     pub fn below(&mut self, n: u32) -> u32 {
         (((self.bits() >> 32) * u64::from(n)) >> 32) as u32
     }

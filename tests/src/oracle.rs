@@ -216,17 +216,19 @@ fn edge_distance(p: [DVec2; 3], e: usize) -> f64 {
 /// Distance to the triangle's plane, and the least and greatest that f32 may report: see the head of this file.
 fn distances(p: [DVec3; 3], errors: Errors) -> (f64, f64, f64) {
     let normal = (p[1] - p[0]).cross(p[2] - p[0]);
-    let cosine = normal.z.abs() / normal.length();
     let depths = p.map(|p| p.z);
-    let (least, greatest) =
-        (depths.into_iter().fold(f64::INFINITY, f64::min), depths.into_iter().fold(f64::NEG_INFINITY, f64::max));
+    let (least, greatest) = (
+        depths.into_iter().fold(f64::INFINITY, f64::min),
+        depths.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    );
     let beyond = errors.lateral + errors.depth;
     let (least, greatest) = (least - beyond, greatest + beyond);
     // A triangle without area, or seen edge-on, has no plane to speak of.
-    if !(cosine > 0.0) {
+    if normal.z == 0.0 {
         return (f64::INFINITY, least, greatest);
     }
     let t = normal.dot(p[0]) / normal.z;
+    let cosine = normal.z.abs() / normal.length();
     let error = errors.lateral / cosine + errors.depth;
     (t, least.max(t - error), greatest.min(t + error))
 }
@@ -271,7 +273,10 @@ mod tests {
             let answer = raised().trace(&down(x, y));
             let nearest = answer.nearest().expect("hit");
             assert_eq!((nearest.cell, answer.meetings.len()), (cell.pack(), 1));
-            assert!((nearest.t - 4.0).abs() < 1e-12 && (nearest.margin - margin).abs() < 1e-12, "{nearest:?}");
+            assert!(
+                (nearest.t - 4.0).abs() < 1e-12 && (nearest.margin - margin).abs() < 1e-12,
+                "{nearest:?}"
+            );
         }
         assert!(raised().trace(&down(3.0, 3.0)).nearest().is_none());
         assert!(raised().trace(&Ray { t_max: 1.9, ..down(0.5, 0.5) }).nearest().is_none());

@@ -39,6 +39,30 @@ pub fn moved(mut scene: Scene, rotation: Quat, translation: Vec3) -> Scene {
     scene
 }
 
+/// A level sheet of 4 x 4 squares with edges along the axes, all vertices shared, under a map of 7 x 7 random texels.
+pub fn tiles() -> Scene {
+    const SIDE: u16 = 4;
+    let grid = (0..=SIDE).flat_map(|j| (0..=SIDE).map(move |i| (f32::from(i), f32::from(j))));
+    let vertices: Vec<Vertex> = grid
+        .map(|(x, y)| Vertex { position: Vec3::new(x, y, 0.0), normal: Vec3::Z, u: x / 4.0, v: y / 4.0 })
+        .collect();
+    let width = u32::from(SIDE) + 1;
+    let squares = (0..u32::from(SIDE)).flat_map(|j| (0..u32::from(SIDE)).map(move |i| j * width + i));
+    let triangles: Vec<[u32; 3]> =
+        squares.flat_map(|a| [[a, a + 1, a + width + 1], [a, a + width + 1, a + width]]).collect();
+    let mut numbers = Numbers::new(4);
+    let texels: Vec<u32> = (0..49).map(|_| numbers.unit().to_bits()).collect();
+    let format = height_format::FLOAT32;
+    Scene {
+        mesh: Mesh::from_triangles(&vertices, &triangles),
+        height_map: HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
+        color_map: None,
+        zero: 0.0,
+        scale: 0.1,
+        subdivisions: 1,
+    }
+}
+
 /// A closed mesh of eight triangles, an octahedron with its vertices, normals (leaning by up to `spread`, as a
 /// tangent) and texture coordinates at random, somewhere within 100 units of the origin and of a size between 1/8
 /// and 8; half of them are inside out. The map has up to 8 x 8 random texels in the given format.

@@ -107,13 +107,14 @@ fn reversed_leaf(job: &Job) -> Job {
 #[test]
 fn the_order_of_primitives_does_not_show() {
     for (name, n, of_each) in
-        [("builtin:cube", 5, 2000), ("builtin:quilt", 8, 2000), ("builtin:knot", 3, 100)]
+        [("builtin:cube", 5, 5000), ("builtin:quilt", 8, 5000), ("builtin:knot", 3, 200)]
     {
         let job = subdivided(name, n);
+        let reversed = reversed_leaf(&job);
         let rays = rays(&job, 7, of_each);
-        for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
+        for method in [method::BRUTE_FORCE, method::GRID_WALK] {
             let hits = traced(&job, method, &rays);
-            assert_identical(&job, &rays, &hits, &traced(&reversed_leaf(&job), method, &rays));
+            assert_identical(&job, &rays, &hits, &traced(&reversed, method, &rays));
         }
     }
 }
@@ -155,7 +156,6 @@ fn assert_nothing_in_the_way(scene: Scene, seed: u64, count: usize) {
     for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
         let hits: Vec<_> = left
             .iter()
-            .filter(|(hit, _)| method != method::NONE || hit.cell == 0)
             .map(|(hit, ray)| (hit, ray, hit_again(&job, method, hit, ray)))
             .filter(|(_, _, again)| again.is_some())
             .collect();

@@ -107,7 +107,7 @@ fn texel(words: &[u32], format: u32, i: usize) -> f64 {
         height_format::UNORM8 => f64::from(words[i / 4].to_le_bytes()[i % 4]) / 255.0,
         height_format::UNORM16 => {
             let word = words[i / 2];
-            f64::from(if i % 2 == 0 { word & 0xffff } else { word >> 16 }) / 65535.0
+            f64::from([word & 0xffff, word >> 16][i % 2]) / 65535.0
         }
         _ => f64::from(f32::from_bits(words[i])),
     }

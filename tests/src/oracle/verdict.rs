@@ -212,8 +212,7 @@ impl Oracle {
         let on_base = mixed(weights, cell.grid_points().map(|(j, k)| DVec3::from(piece.weights(j, k))));
         let uv = mixed(on_base.to_array(), piece.uv);
         let magnitude = piece.uv.iter().fold(0.0, |most: f64, t| most.max(t.abs().max_element()));
-        let off =
-            (uv - DVec2::new(f64::from(reported.u), f64::from(reported.v))).abs().max_element();
+        let off = (uv - DVec2::new(f64::from(reported.u), f64::from(reported.v))).abs().max_element();
         within(off, 16.0 * UNIT_ROUNDOFF * magnitude, |off, bound| Disagreement::TextureCoordinates {
             off,
             bound,
@@ -222,11 +221,7 @@ impl Oracle {
 }
 
 /// The error that `describe` makes where `off` is above `bound`, or no number.
-fn within(
-    off: f64,
-    bound: f64,
-    describe: impl FnOnce(f64, f64) -> Disagreement,
-) -> Result<(), Disagreement> {
+fn within(off: f64, bound: f64, describe: impl FnOnce(f64, f64) -> Disagreement) -> Result<(), Disagreement> {
     if off <= bound { Ok(()) } else { Err(describe(off, bound)) }
 }
 
