@@ -1,4 +1,4 @@
-//! The grid walk against brute force on the built-in scenes, and what tracing promises whatever the method.
+//! The grid walk against brute force on the built-in scenes and on random ones, and what tracing promises whatever the method.
 
 use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
@@ -8,7 +8,7 @@ use emboss::settings::Wrap;
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
-use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, method};
+use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::{Features, SceneView};
 use emboss_tests::{Numbers, RaySource, scenes};
@@ -58,25 +58,23 @@ fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Int
 }
 
 /// Both methods on rays of all kinds, and on those that leave what they hit.
-fn compare_methods(name: &str, subdivisions: u32, of_each: usize) {
-    let job = subdivided(name, subdivisions);
-    let first = rays(&job, u64::from(subdivisions), of_each);
-    let hits = traced(&job, method::BRUTE_FORCE, &first);
-    assert_identical(&job, &first, &traced(&job, method::GRID_WALK, &first), &hits);
+fn compare_methods(job: &Job, seed: u64, of_each: usize) {
+    let first = rays(job, seed, of_each);
+    let hits = traced(job, method::BRUTE_FORCE, &first);
+    assert_identical(job, &first, &traced(job, method::GRID_WALK, &first), &hits);
 
-    let mut source = RaySource::new(&job, 100 + u64::from(subdivisions));
+    let mut source = RaySource::new(job, seed + 100);
     let hits: Vec<_> = hits.into_iter().filter(|hit| hit.primitive != MISS).collect();
     assert!(4 * hits.len() > first.len(), "{} hits are no test", hits.len());
     let second: Vec<Ray> = hits.iter().map(|hit| source.leaving(hit)).collect();
-    let walked = traced(&job, method::GRID_WALK, &second);
-    assert_identical(&job, &second, &walked, &traced(&job, method::BRUTE_FORCE, &second));
+    let walked = traced(job, method::GRID_WALK, &second);
+    assert_identical(job, &second, &walked, &traced(job, method::BRUTE_FORCE, &second));
 }
 
 fn compare_methods_at_all_n(name: &str, of_each: usize) {
-    for n in [1, 3, 8, 17] {
-        compare_methods(name, n, of_each);
+    for (n, of_each) in [(1, of_each), (3, of_each), (8, of_each), (17, of_each), (64, of_each / 10)] {
+        compare_methods(&subdivided(name, n), u64::from(n), of_each);
     }
-    compare_methods(name, 64, of_each / 10);
 }
 
 #[test]
@@ -92,6 +90,19 @@ fn grid_walk_is_brute_force_on_the_quilt() {
 #[test]
 fn grid_walk_is_brute_force_on_the_knot() {
     compare_methods_at_all_n("builtin:knot", 2000);
+}
+
+/// Normals that lean from not at all to wildly, every format and wrap.
+#[test]
+fn grid_walk_is_brute_force_on_random_solids() {
+    let mut numbers = Numbers::new(4);
+    let formats = [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32];
+    let wraps = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+    for round in 0..180 {
+        let spread = [0.0, 0.1, 0.5, 1.5][round % 4];
+        let scene = scenes::random_solid(&mut numbers, formats[round % 3], spread);
+        compare_methods(&scenes::ready(scene, wraps[round / 3 % 3]), numbers.bits() >> 1, 50);
+    }
 }
 
 /// The tree of one leaf that holds all primitives in descending order.
