@@ -244,7 +244,7 @@ mod tests {
         let vertex = |x, y| Vertex { position: Vec3::new(x, y, 0.0), normal: Vec3::Z, ..Vertex::default() };
         let buffers = SceneBuffers {
             vertices: vec![vertex(0.0, 0.0), vertex(4.0, 0.0), vertex(0.0, 4.0)],
-            triangles: vec![Triangle { vertices: [0, 1, 2], flags: 0 }],
+            triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
             height_texels: vec![255],
             ..SceneBuffers::default()
         };

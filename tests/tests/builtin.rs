@@ -4,11 +4,12 @@ use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
 use emboss::backend::{Backend, SceneBuffers};
 use emboss::render::{Job, Scene};
+use emboss::scene::{HeightMap, Mesh};
 use emboss::settings::Wrap;
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
-use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, height_format, method};
+use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, Vertex, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::{Features, SceneView};
 use emboss_tests::{Numbers, RaySource, scenes};
@@ -102,6 +103,54 @@ fn grid_walk_is_brute_force_on_random_solids() {
         let spread = [0.0, 0.1, 0.5, 1.5][round % 4];
         let scene = scenes::random_solid(&mut numbers, formats[round % 3], spread);
         compare_methods(&scenes::ready(scene, wraps[round / 3 % 3]), numbers.bits() >> 1, 50);
+    }
+}
+
+/// One triangle of constant height, found at random among millions: its normals lean by 60 degrees, the ray's path
+/// comes to its nearest at grid point (1, 2), and the micro-triangle that is hit has no more than that point in common
+/// with the cells of the path.
+#[test]
+fn grid_walk_finds_a_hit_across_a_micro_vertex() {
+    let vertex = |position: [f32; 3], normal: [f32; 3]| Vertex {
+        position: position.into(),
+        normal: Vec3::from(normal).normalize(),
+        ..Vertex::default()
+    };
+    let vertices = [
+        vertex([0.81386554, 0.21584743, 0.029831482], [0.66596794, 0.53668684, -0.51812536]),
+        vertex([0.08238638, 0.12679933, -0.71385616], [0.4714612, -0.12922156, -0.8723681]),
+        vertex([-0.21616498, 0.7289925, -0.08159051], [0.3496214, 0.6065656, 0.71403295]),
+    ];
+    let texels = vec![0.7994125_f32.to_bits()];
+    let format = height_format::FLOAT32;
+    let ray = Ray {
+        origin: Vec3::new(2.9840372, 3.0194526, -1.5976778),
+        direction: Vec3::new(-0.67480385, -0.6486125, 0.35205334),
+        t_max: f32::INFINITY,
+        padding: 0,
+    };
+    for subdivisions in 1..=16 {
+        let job = scenes::ready(
+            Scene {
+                mesh: Mesh::from_triangles(&vertices, &[[0, 1, 2]]),
+                height_map: HeightMap {
+                    width: 1,
+                    height: 1,
+                    format,
+                    texels: texels.clone(),
+                    range: (0.0, 1.0),
+                    replaced: 0,
+                },
+                color_map: None,
+                zero: 0.1144588,
+                scale: -0.14865246,
+                subdivisions,
+            },
+            Wrap::Repeat,
+        );
+        let exact = traced(&job, method::BRUTE_FORCE, &[ray]);
+        assert_ne!(exact[0].primitive, MISS);
+        assert_identical(&job, &[ray], &traced(&job, method::GRID_WALK, &[ray]), &exact);
     }
 }
 
