@@ -1,5 +1,11 @@
 //! Whole-program tests of Emboss, and what they share.
 
 mod lavapipe;
+mod numbers;
+pub mod oracle;
+mod rays;
+pub mod scenes;
 
 pub use lavapipe::{finish, lavapipe};
+pub use numbers::Numbers;
+pub use rays::RaySource;

@@ -1,0 +1,131 @@
+//! Rays of every kind that makes trouble.
+
+use crate::Numbers;
+use emboss::render::Job;
+use emboss_kernels::interface::{Intersection, Ray, Vertex};
+use emboss_kernels::shading::SurfaceInteraction;
+use glam::{Vec2, Vec3};
+
+/// Makes rays at random for a scene.
+pub struct RaySource<'a> {
+    job: &'a Job,
+    numbers: Numbers,
+    centre: Vec3,
+    /// Half the diagonal of the box around the displaced model.
+    radius: f32,
+}
+
+impl<'a> RaySource<'a> {
+    /// Rays for the scene of `job`, which is not empty, as `seed` decides.
+    pub fn new(job: &'a Job, seed: u64) -> Self {
+        let root = job.buffers.nodes[0];
+        let (centre, radius) = ((root.min + root.max) * 0.5, 0.5 * (root.max - root.min).length());
+        RaySource { job, numbers: Numbers::new(seed), centre, radius }
+    }
+
+    /// From outside, two to ten radii away, towards the model; the direction has a length between 1/4 and 4.
+    pub fn from_outside(&mut self) -> Ray {
+        let distance = self.radius * self.numbers.between(2.0, 10.0);
+        let origin = self.centre + self.numbers.direction() * distance;
+        let target = self.near_surface();
+        let length = self.numbers.between(-2.0, 2.0).exp2();
+        ray(origin, (target - origin).normalize() * length)
+    }
+
+    /// From within the relief, anywhere.
+    pub fn from_inside(&mut self) -> Ray {
+        ray(self.near_surface(), self.numbers.direction())
+    }
+
+    /// Through the relief, nearly along its base triangle.
+    pub fn grazing(&mut self) -> Ray {
+        let (primitive, w) = self.place();
+        let [a, b, c] = self.corners(primitive).map(|v| v.position);
+        let normal = (b - a).cross(c - a).normalize();
+        let along = normal.cross(self.numbers.direction()).normalize();
+        let steepness = self.numbers.between(-0.1, 0.1);
+        let direction = (along + normal * steepness).normalize();
+        let target = self.point(primitive, w);
+        ray(target - direction * (self.radius * self.numbers.between(0.0, 2.0)), direction)
+    }
+
+    /// Down or up along the interpolated normal at a grid point: through a micro-vertex, or nearly so.
+    pub fn along_normal(&mut self) -> Ray {
+        let n = self.job.frame.displacement.subdivisions;
+        let primitive = self.numbers.below(self.job.frame.triangle_count);
+        let j = self.numbers.below(n + 1);
+        let k = self.numbers.below(n + 1 - j);
+        let w = Vec3::new((n - j - k) as f32, j as f32, k as f32) / n as f32;
+        let (p, normal) = self.base(primitive, w);
+        let side = if self.numbers.unit() < 0.5 { self.radius } else { -self.radius };
+        ray(p + normal * side, normal * -side.signum())
+    }
+
+    /// Towards a corner or a point of an edge of the base mesh, displaced to some height: where base triangles meet.
+    /// From a distance of so many radii.
+    pub fn towards_edge(&mut self, radii: f32) -> Ray {
+        let primitive = self.numbers.below(self.job.frame.triangle_count);
+        let s = if self.numbers.unit() < 0.2 { 0.0 } else { self.numbers.unit() };
+        let w = [Vec3::new(1.0 - s, s, 0.0), Vec3::new(0.0, 1.0 - s, s), Vec3::new(s, 0.0, 1.0 - s)];
+        let w = w[self.numbers.below(3) as usize];
+        let target = self.point(primitive, w);
+        let origin = self.centre + self.numbers.direction() * (radii * self.radius);
+        ray(origin, (target - origin).normalize())
+    }
+
+    /// Away from a hit, on the outer side of it or on the inner one, as shadow rays start.
+    pub fn leaving(&mut self, hit: &Intersection) -> Ray {
+        let direction = self.numbers.direction();
+        ray(spawn_origin(hit, direction), direction)
+    }
+
+    /// Away from a hit on its outer side. Some directions graze the surface.
+    pub fn leaving_outwards(&mut self, hit: &Intersection) -> Ray {
+        let direction = self.numbers.direction();
+        let sine = direction.dot(hit.normal);
+        let flat = direction - hit.normal * sine;
+        let lifted = sine.abs() * if self.numbers.unit() < 0.5 { 1.0 } else { 1e-3 };
+        let direction = (flat + hit.normal * lifted).normalize();
+        ray(spawn_origin(hit, direction), direction)
+    }
+
+    /// A point near the relief: over a random place, at a height a little beyond its range at most.
+    fn near_surface(&mut self) -> Vec3 {
+        let (primitive, w) = self.place();
+        self.point(primitive, w)
+    }
+
+    fn place(&mut self) -> (u32, Vec3) {
+        (self.numbers.below(self.job.frame.triangle_count), self.numbers.barycentric())
+    }
+
+    fn point(&mut self, primitive: u32, w: Vec3) -> Vec3 {
+        let (p, normal) = self.base(primitive, w);
+        let displacement = &self.job.frame.displacement;
+        let range = displacement.height_max - displacement.height_min;
+        p + normal * (displacement.height_min + range * self.numbers.between(-0.1, 1.1))
+    }
+
+    /// Point and unit normal of the base mesh.
+    fn base(&self, primitive: u32, w: Vec3) -> (Vec3, Vec3) {
+        let [a, b, c] = self.corners(primitive);
+        let p = a.position * w.x + b.position * w.y + c.position * w.z;
+        (p, (a.normal * w.x + b.normal * w.y + c.normal * w.z).normalize_or(Vec3::Z))
+    }
+
+    fn corners(&self, primitive: u32) -> [Vertex; 3] {
+        let buffers = &self.job.buffers;
+        buffers.triangles[primitive as usize].vertices.map(|v| buffers.vertices[v as usize])
+    }
+}
+
+/// Where the program lets a ray start that leaves a hit.
+fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
+    let Intersection { point, point_error, normal, u, v, .. } = *hit;
+    let surface = SurfaceInteraction { point, point_error, ng: normal, uv: Vec2::new(u, v), height: 0.0 };
+    surface.spawn_origin(direction)
+}
+
+fn ray(origin: Vec3, direction: Vec3) -> Ray {
+    Ray { origin, t_max: f32::INFINITY, direction, padding: 0 }
+}

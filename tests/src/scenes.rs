@@ -1,0 +1,108 @@
+//! Scenes for tests, made ready for a backend.
+
+use crate::Numbers;
+use emboss::render::{Job, Scene, prepare};
+use emboss::scene::builtin::{self, BuiltinScene};
+use emboss::scene::{HeightMap, Mesh};
+use emboss::settings::{Settings, Wrap};
+use emboss_kernels::interface::{Vertex, height_format};
+use glam::{Quat, Vec3};
+
+/// A built-in scene without its colours, subdivided N times and displaced by `scale`.
+///
+/// # Panics
+/// Where there is no scene of that name.
+pub fn builtin(name: &str) -> Scene {
+    let Some(BuiltinScene { mesh, height, zero, scale, subdivisions, .. }) = builtin::load(name) else {
+        panic!("{name} is no built-in scene")
+    };
+    Scene { mesh, height_map: height, color_map: None, zero, scale, subdivisions }
+}
+
+/// Makes a scene ready, its height map wrapped that way.
+///
+/// # Panics
+/// Where it cannot be framed.
+pub fn ready(scene: Scene, wrap: Wrap) -> Job {
+    match prepare(scene, &Settings { wrap, width: 1, height: 1, ..Settings::default() }) {
+        Ok(job) => job,
+        Err(error) => panic!("the scene cannot be framed: {error}"),
+    }
+}
+
+/// The same scene turned and moved.
+pub fn moved(mut scene: Scene, rotation: Quat, translation: Vec3) -> Scene {
+    for vertex in &mut scene.mesh.vertices {
+        vertex.position = rotation * vertex.position + translation;
+        vertex.normal = (rotation * vertex.normal).normalize();
+    }
+    scene
+}
+
+/// A level sheet of 4 x 4 squares with edges along the axes, all vertices shared, under a map of 7 x 7 random texels.
+pub fn tiles() -> Scene {
+    const SIDE: u16 = 4;
+    let grid = (0..=SIDE).flat_map(|j| (0..=SIDE).map(move |i| (f32::from(i), f32::from(j))));
+    let vertices: Vec<Vertex> = grid
+        .map(|(x, y)| Vertex { position: Vec3::new(x, y, 0.0), normal: Vec3::Z, u: x / 4.0, v: y / 4.0 })
+        .collect();
+    let width = u32::from(SIDE) + 1;
+    let squares = (0..u32::from(SIDE)).flat_map(|j| (0..u32::from(SIDE)).map(move |i| j * width + i));
+    let triangles: Vec<[u32; 3]> =
+        squares.flat_map(|a| [[a, a + 1, a + width + 1], [a, a + width + 1, a + width]]).collect();
+    let mut numbers = Numbers::new(4);
+    let texels: Vec<u32> = (0..49).map(|_| numbers.unit().to_bits()).collect();
+    let format = height_format::FLOAT32;
+    Scene {
+        mesh: Mesh::from_triangles(&vertices, &triangles),
+        height_map: HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
+        color_map: None,
+        zero: 0.0,
+        scale: 0.1,
+        subdivisions: 1,
+    }
+}
+
+/// A closed mesh of eight triangles, an octahedron with its vertices, normals (leaning by up to `spread`, as a
+/// tangent) and texture coordinates at random, somewhere within 100 units of the origin and of a size between 1/8
+/// and 8; half of them are inside out. The map has up to 8 x 8 random texels in the given format.
+pub fn random_solid(numbers: &mut Numbers, format: u32, spread: f32) -> Scene {
+    let size = numbers.between(-3.0, 3.0).exp2();
+    let centre = numbers.in_cube() * if numbers.unit() < 0.5 { 0.0 } else { 100.0 };
+    let axes = [Vec3::X, Vec3::Y, -Vec3::X, -Vec3::Y, Vec3::Z, -Vec3::Z];
+    let vertices = axes.map(|axis| Vertex {
+        position: centre + (axis + numbers.in_cube() * 0.3) * size,
+        normal: (axis + numbers.in_cube() * spread).normalize(),
+        u: numbers.between(-2.0, 3.0),
+        v: numbers.between(-2.0, 3.0),
+    });
+    let inside_out = numbers.unit() < 0.5;
+    let triangles: Vec<[u32; 3]> = (0..4)
+        .flat_map(|side| [[side, (side + 1) % 4, 4], [(side + 1) % 4, side, 5]])
+        .map(|[a, b, c]| if inside_out { [b, a, c] } else { [a, b, c] })
+        .collect();
+    Scene {
+        mesh: Mesh::from_triangles(&vertices, &triangles),
+        height_map: random_map(numbers, format),
+        color_map: None,
+        zero: numbers.unit(),
+        scale: size * numbers.between(-0.4, 0.4),
+        subdivisions: 1 + numbers.below(6),
+    }
+}
+
+/// A map of 1 x 1 to 8 x 8 random texels.
+fn random_map(numbers: &mut Numbers, format: u32) -> HeightMap {
+    let (width, height) = (1 + numbers.below(8), 1 + numbers.below(8));
+    let texels_per_word = match format {
+        height_format::UNORM8 => 4,
+        height_format::UNORM16 => 2,
+        _ => 1,
+    };
+    let mut word = || {
+        let bits = numbers.below(u32::MAX);
+        if format == height_format::FLOAT32 { (bits as f32 / 4_294_967_296.0).to_bits() } else { bits }
+    };
+    let texels = (0..(width * height).div_ceil(texels_per_word)).map(|_| word()).collect();
+    HeightMap { width, height, format, texels, range: (0.0, 1.0), replaced: 0 }
+}
