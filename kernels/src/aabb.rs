@@ -37,8 +37,9 @@ impl Aabb {
 
     /// Distance at which the ray enters the box, at least 0; infinite where it misses it within `t_max`.
     ///
-    /// Never misses a box that the exact ray touches: the far distance is enlarged by 2 gamma(3) (Ize, "Robust BVH
-    /// Ray Traversal", JCGT 2(2), 2013, section 3; pbrt-v4, section 6.1.2). A component of direction zero gives
+    /// Never misses a box that the exact ray touches: the far distance is enlarged by twice the error of a slab's
+    /// distance (Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013, section 3; pbrt-v4, section 6.1.2), which is
+    /// gamma(3) in the paper and gamma(7) here, since Vulkan's division may be off by 2.5 ulp. A component of direction zero gives
     /// 0 x infinity = NaN for an origin on a face, which the order of the comparisons below lets pass.
     #[inline]
     pub fn entry_distance(&self, ray: &TraversalRay, t_max: f32) -> f32 {
@@ -59,7 +60,7 @@ fn slab(min: f32, max: f32, origin: f32, inv_direction: f32) -> (f32, f32) {
     let backwards = inv_direction < 0.0;
     let near = if backwards { b } else { a };
     let far = if backwards { a } else { b };
-    (near, far * (1.0 + 2.0 * gamma(3)))
+    (near, far * (1.0 + 2.0 * gamma(7)))
 }
 
 /// The greater of two distances, the first where the second is NaN.

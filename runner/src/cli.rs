@@ -77,7 +77,7 @@ struct RenderArgs {
     #[arg(long, value_name = "BITS", value_parser = values::png_format)]
     depth: Option<PictureFormat>,
     /// Size of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = values::size)]
+    #[arg(long, value_name = "WxH", default_value = "960x720", value_parser = values::size)]
     size: (u32, u32),
     /// Samples of each pixel
     #[arg(long, value_name = "COUNT", default_value = "4", value_parser = values::samples)]

@@ -142,8 +142,8 @@ impl Settings {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
-            width: 1024,
-            height: 1024,
+            width: 960,
+            height: 720,
             method: Method::GridWalk,
             shade: Shade::Lit,
             shadows: true,

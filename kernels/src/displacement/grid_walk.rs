@@ -16,10 +16,11 @@
 //! zero, and the walk, which visits every cell with mixed signs, finds every hit. Where they are not, the path can
 //! cross a grid line twice between two equal signs, and a micro-triangle can lean out of its cell's column. The walk
 //! sees that coming: such a thing happens across an edge only where a flag at its ends is within a quarter of the
-//! bracket of zero. Then the neighbour across that edge is tested as well. Where even that does not settle it, where
-//! signs are within rounding of zero (a ray through a micro-vertex, along a grid line, along the normal), and where
-//! the steps' cap is met, it gives up and [`scan`](Conic::scan)s every candidate of the prism row by row. Scans
-//! and cap hits are counted.
+//! edge's bracket of zero, across a vertex only where its flag is within a third. Then, and where signs are within
+//! rounding of zero (a ray through a micro-vertex, along a grid line, along the normal), and where the steps' cap is
+//! met, it gives up and [`scan`](Conic::scan)s every candidate of the prism row by row. Scans and cap hits are
+//! counted. One assumption is not proven: that lifts beyond a cell's vertices differ by at most twice what they do in
+//! it. Tests against brute force bound what it costs.
 //!
 //! Deviations from the paper: the flags come from Q instead of a cross product a step; the exit edge follows from
 //! the three signs alone, [`LastChange`](super::cell::LastChange) being the result, not the guide; all entries into
@@ -211,19 +212,28 @@ impl Conic {
         0.25 * (component(self.bend, e) + lift_difference.abs() * component(self.twist, e)) + self.rounding
     }
 
+    /// The bracket of micro-edges near a cell whose lifts differ by `lift_difference`: twice that is assumed of its
+    /// neighbours, at most the prism's.
+    #[inline]
+    fn bracket_nearby(&self, lift_difference: f32) -> f32 {
+        (self.bend.max_element() + 2.0 * lift_difference * self.twist.max_element()).min(self.bracket)
+    }
+
     /// Whether the ray can hit the cell that lies across a vertex from one on the path, having no edge in common with
-    /// it. `at_vertex`, `a`, `b`: the flags of the cell on the path.
+    /// it. `at_vertex`, `a`, `b`: the flags of the cell on the path; `bracket`: bound on the other cell's.
     ///
     /// The other cell is the reflection of this one in the vertex, so its flags are 2 f - a and 2 f - b to within twice
     /// the bend. In the identity above, with all three of one sign, sum b_i f_i is at least the share of the two far
     /// vertices times their flags, and at most that share times the bracket: no hit where both are beyond it, nor
-    /// where the vertex itself is beyond a third of it.
+    /// where the vertex itself is beyond a third of it. With mixed signs the path itself comes to that cell.
     #[inline]
-    fn opposite_cell_in_reach(&self, at_vertex: f32, a: f32, b: f32) -> bool {
+    fn opposite_cell_in_reach(&self, bracket: f32, at_vertex: f32, a: f32, b: f32) -> bool {
         let sign = if at_vertex < 0.0 { -1.0 } else { 1.0 };
         let nearest_far = (2.0 * at_vertex * sign - a * sign).min(2.0 * at_vertex * sign - b * sign);
-        at_vertex.abs() <= self.bracket * (1.0 / 3.0) + self.rounding
-            && nearest_far <= self.bracket + 2.0 * self.bend.max_element() + self.rounding
+        let error = 2.0 * self.bend.max_element() + self.rounding;
+        at_vertex.abs() <= bracket * (1.0 / 3.0) + self.rounding
+            && nearest_far >= -error
+            && nearest_far <= bracket + error
     }
 
     /// Whether columns over the triangle may overlap within the prism, so that signs no longer tell left from right.
@@ -649,56 +659,33 @@ fn walk(
     let [a, b, c] = base.micro_triangle(field, cell);
     let mut corners = Corners { a, b, c, flags: conic.cell_flags(cell) };
 
-    // A quadratic crosses each of the 3 (N+1) grid lines at most twice, each step crosses one, and from each cell at
-    // most one neighbour is tested aside.
-    let cap = 12 * (n + 1);
-    let mut found = corners.intersect(base, ray, cell, nearest);
-    let mut judgement = corners.judge(conic);
-    let mut passed = found != nearest || cell.pack() == exit_cell;
+    // A quadratic crosses each of the 3 (N+1) grid lines at most twice, and each step crosses one.
+    let cap = 6 * (n + 1);
+    let mut found = nearest;
+    let mut doubtful = corners.doubtful(conic);
+    let mut passed = false;
     let mut going = true;
     let mut steps = 0;
-    counts.cells += 1;
-    counts.triangles += 1;
-    while going && !judgement.doubtful && steps < cap {
-        let aside = judgement.aside < 3;
-        let e = if aside { judgement.aside } else { edge_to_negative(-corners.flags) };
+    while going && !doubtful && steps < cap {
+        counts.cells += 1;
+        counts.triangles += 1;
+        let before = found;
+        let (a, b, c) = (corners.a.position, corners.b.position, corners.c.position);
+        found = base.intersect_cell(ray, cell, a, b, c, found);
+        let e = edge_to_negative(-corners.flags);
         let change = cell.change_across(e);
-        judgement.aside = 3;
-        if !cell.leaves_grid(change, n) {
-            let next = cell.step(change);
-            let next_corners = corners.stepped(conic, field, base, next, e);
-            let before = found;
-            found = next_corners.intersect(base, ray, next, found);
-            counts.triangles += 1;
-            if aside {
-                judgement.doubtful = next_corners.goes_on_beyond(conic, e);
-            } else {
-                going = !passed;
-                cell = next;
-                corners = next_corners;
-                judgement = corners.judge(conic);
-                counts.cells += 1;
-            }
-            passed = passed || found != before || cell.pack() == exit_cell;
-        } else {
-            // Beyond the rim there is nothing to test aside; the path ends there.
-            going = aside;
+        going = !(passed || cell.leaves_grid(change, n));
+        passed = found != before || cell.pack() == exit_cell;
+        if going {
+            cell = cell.step(change);
+            corners = corners.stepped(conic, field, base, cell, e);
+            doubtful = corners.doubtful(conic);
         }
         steps += 1;
     }
     let capped = going && steps == cap;
     counts.cap_hits += capped as u32;
-    Walk { nearest: found, doubtful: judgement.doubtful || capped }
-}
-
-/// What the signs of a cell leave open.
-#[derive(Clone, Copy)]
-struct Judgement {
-    /// The edge of equal signs, where the path or the surface may come and go unseen across it: the neighbour there
-    /// must be tested too. 3 where there is none.
-    aside: u32,
-    /// Signs cannot decide.
-    doubtful: bool,
+    Walk { nearest: found, doubtful: doubtful || capped }
 }
 
 /// The vertices of the current cell with their flags.
@@ -734,43 +721,30 @@ impl Corners {
         }
     }
 
-    /// The nearer of `nearest` and the hit on this cell's micro-triangle.
+    /// Whether signs cannot decide what the ray can hit here: all are equal, one is within rounding of zero, or a
+    /// micro-triangle across the edge of equal signs, or across a vertex, is in reach.
     #[inline]
-    fn intersect(&self, base: &BaseTriangle, ray: &TraversalRay, cell: Cell, nearest: Hit) -> Hit {
-        base.intersect_cell(ray, cell, self.a.position, self.b.position, self.c.position, nearest)
-    }
-
-    /// Whether signs decide what happens in this cell. They do not where all are equal, one is within rounding of
-    /// zero, or a hit is possible across a vertex.
-    #[inline]
-    fn judge(&self, conic: &Conic) -> Judgement {
-        let (x, y, z) = (self.flags.x >= 0.0, self.flags.y >= 0.0, self.flags.z >= 0.0);
-        let magnitude = self.flags.abs();
+    fn doubtful(&self, conic: &Conic) -> bool {
+        let flags = self.flags;
+        let (x, y, z) = (flags.x >= 0.0, flags.y >= 0.0, flags.z >= 0.0);
+        let magnitude = flags.abs();
+        let lifts =
+            Vec3::new(self.b.lift - self.c.lift, self.c.lift - self.a.lift, self.a.lift - self.b.lift);
         // The edge of equal signs lies across the vertex of the odd one.
-        let (edge, near, lifts) = if y == z {
-            (0, magnitude.y.min(magnitude.z), self.b.lift - self.c.lift)
+        let (edge, near) = if y == z {
+            (0, magnitude.y.min(magnitude.z))
         } else if x == z {
-            (1, magnitude.x.min(magnitude.z), self.c.lift - self.a.lift)
+            (1, magnitude.x.min(magnitude.z))
         } else {
-            (2, magnitude.x.min(magnitude.y), self.a.lift - self.b.lift)
+            (2, magnitude.x.min(magnitude.y))
         };
-        Judgement {
-            aside: if near <= conic.doubt(edge, lifts) { edge } else { 3 },
-            doubtful: x == y && y == z
-                || magnitude.min_element() <= conic.rounding
-                || conic.opposite_cell_in_reach(self.flags.x, self.flags.y, self.flags.z)
-                || conic.opposite_cell_in_reach(self.flags.y, self.flags.z, self.flags.x)
-                || conic.opposite_cell_in_reach(self.flags.z, self.flags.x, self.flags.y),
-        }
-    }
-
-    /// Whether what came across edge `e` into this cell, tested aside, may go on into its other neighbours: unless the
-    /// new vertex is on the same side as the edge, clear of anything's reach, signs do not tell.
-    #[inline]
-    fn goes_on_beyond(&self, conic: &Conic, e: u32) -> bool {
-        let new = component(self.flags, e);
-        let edge = component(self.flags, if e == 0 { 1 } else { 0 });
-        (new >= 0.0) != (edge >= 0.0) || new.abs() <= 0.25 * conic.bracket + conic.rounding
+        let bracket = conic.bracket_nearby(max_abs(lifts));
+        x == y && y == z
+            || magnitude.min_element() <= conic.rounding
+            || near <= conic.doubt(edge, component(lifts, edge))
+            || conic.opposite_cell_in_reach(bracket, flags.x, flags.y, flags.z)
+            || conic.opposite_cell_in_reach(bracket, flags.y, flags.z, flags.x)
+            || conic.opposite_cell_in_reach(bracket, flags.z, flags.x, flags.y)
     }
 }
 

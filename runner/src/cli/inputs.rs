@@ -94,6 +94,9 @@ impl fmt::Display for Choice {
 const GIVEN: &str = "given";
 const BUILTIN: &str = "built-in";
 const MATERIAL: &str = "from the materials";
+/// The geometry carries the relief, so a normal map has nothing to add to the shading; but where materials have no
+/// other picture of the surface, it shows which part is which, as the program did that Emboss follows.
+const NORMAL_MAP: &str = "from the materials: their normal map, for want of a map_Kd";
 const DEFAULT: &str = "default";
 
 /// A model before its arguments are settled: what stands in for those left out.
@@ -217,7 +220,10 @@ fn color_map(argument: &MapArgument, model: &mut Model) -> Result<Settled<Option
                 Ok(Settled::new(builtin.color.take(), &model.name, BUILTIN))
             }
             (None, Some(path)) => load(path, MATERIAL),
-            _ => Ok(Settled::new(None, "none", DEFAULT)),
+            _ => match existing(model.maps.normal.as_deref()) {
+                Some(path) => load(path, NORMAL_MAP),
+                None => Ok(Settled::new(None, "none", DEFAULT)),
+            },
         },
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn scene() -> BuiltinScene {
         color: Some(ColorMap::from_linear(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.1))),
         zero: 0.5,
         scale: 0.2,
-        subdivisions: 64,
+        subdivisions: 32,
         view: Vec3::new(0.1, -0.35, 1.0).normalize(),
         up: Vec3::Y,
         lights: vec![
