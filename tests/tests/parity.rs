@@ -215,18 +215,19 @@ fn picture_does_not_depend_on_tiles() {
     let job = job(scene, &settings);
     let mut film = |samples: [u32; 2]| {
         backend.load(&job.buffers, &job.frame, job.features).unwrap();
-        let mut tiles = [0, 0];
-        for (sample, tiles) in samples.into_iter().zip(&mut tiles) {
-            let flow = backend.add_sample(sample, &mut |_| {
-                *tiles += 1;
+        let cuts = samples.map(|sample| {
+            let mut shares = Vec::new();
+            let flow = backend.add_sample(sample, &mut |share| {
+                shares.push(share);
                 ControlFlow::Continue(())
             });
             assert_eq!(flow.unwrap(), ControlFlow::Continue(()));
-        }
-        (backend.film().unwrap(), tiles)
+            shares
+        });
+        (backend.film().unwrap(), cuts)
     };
-    let ((forwards, first), (backwards, second)) = (film([0, 1]), film([1, 0]));
-    assert!(first[0] != second[1] && first[1] != second[0], "samples are cut alike: {first:?} {second:?}");
+    let ((forwards, [cut_0, cut_1]), (backwards, [other_cut_1, other_cut_0])) = (film([0, 1]), film([1, 0]));
+    assert!(cut_0 != other_cut_0 && cut_1 != other_cut_1, "the test cuts each sample in two ways");
     assert!(forwards == backwards);
     finish(backend);
 }
