@@ -178,13 +178,17 @@ pub struct Vertex {
 
 /// A base triangle. Its vertices are stored in ascending order of index, so that the two triangles at an edge
 /// interpolate along it in the same order of operations and get the same bits; [`FLIPPED`] keeps its orientation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Triangle {
     /// Indices of its three vertices, ascending.
     pub vertices: [u32; 3],
     /// [`FLIPPED`] or 0.
     pub flags: u32,
+    /// Least height over it, rounded down: [`height_bounds`](crate::displacement::height_bounds).
+    pub height_min: f32,
+    /// Greatest height over it, rounded up.
+    pub height_max: f32,
 }
 
 /// A node of the binary BVH. Inner nodes have their two children side by side.
@@ -386,7 +390,7 @@ pub struct Intersection {
 
 const _: () = {
     assert!(size_of::<Vertex>() == 32);
-    assert!(size_of::<Triangle>() == 16);
+    assert!(size_of::<Triangle>() == 24);
     assert!(size_of::<BvhNode>() == 32);
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);

@@ -41,8 +41,8 @@ impl TestScene {
                 let position = Vec3::new(x, y, z);
                 scene.vertices.push(Vertex { position, normal: Vec3::Z, u: x, v: y });
             }
-            scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], flags: 0 });
-            scene.triangles.push(Triangle { vertices: [first, first + 2, first + 3], flags: 0 });
+            scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], ..Triangle::default() });
+            scene.triangles.push(Triangle { vertices: [first, first + 2, first + 3], ..Triangle::default() });
         }
         let count = scene.triangles.len() as u32;
         scene.primitives = (0..count).collect();

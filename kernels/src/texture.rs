@@ -63,7 +63,7 @@ fn lerp(s: f32, a: f32, b: f32) -> f32 {
 
 /// Texel `i` of a height map.
 #[inline]
-fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
+pub fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
     if format == height_format::UNORM8 {
         ((at(texels, i >> 2) >> ((i & 3) * 8)) & 0xff) as f32 / 255.0
     } else if format == height_format::UNORM16 {

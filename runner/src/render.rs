@@ -7,7 +7,8 @@ use crate::picture::Picture;
 use crate::scene::{ColorMap, HeightMap, Mesh};
 use crate::settings::{Light, Method, Settings};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::displacement::surface::prism_bounds;
+use emboss_kernels::displacement::height_bounds::height_bounds;
+use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
 use emboss_kernels::interface::{Displacement, FilmPixel, Frame, PointLight, color_format};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
@@ -114,10 +115,12 @@ fn available_memory() -> Option<u64> {
 }
 
 /// Makes a scene ready: its BVH, its camera and its lights.
-pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
+pub fn prepare(mut scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let displacement = displacement(&scene, settings.method);
+    let features = features(&scene, settings);
     let start = Instant::now();
-    let boxes = prism_boxes(&scene.mesh, &displacement);
+    bound_heights(&mut scene, features, displacement);
+    let boxes = prism_boxes(&scene.mesh);
     let bvh = Bvh::build(&boxes);
     let bvh_build = start.elapsed();
     debug_assert_eq!(bvh.validate(&boxes).err(), None);
@@ -125,7 +128,6 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let framing = framing::frame(&settings.view, &boxes, aspect)?;
     let lights = point_lights(&settings.lights, &framing);
     let frame = frame(&scene, settings, displacement, &framing, &lights);
-    let features = features(&scene, settings);
     let buffers = SceneBuffers {
         vertices: scene.mesh.vertices,
         triangles: scene.mesh.triangles,
@@ -164,7 +166,8 @@ pub fn render(
 /// The relief as the kernels read it; flat where the method does not displace.
 fn displacement(scene: &Scene, method: Method) -> Displacement {
     let scale = if method == Method::None { 0.0 } else { scene.scale };
-    let (height_min, height_max) = height_range(scene.height_map.range, scale, scene.zero);
+    let (height_min, height_max) =
+        Displacement::height_range(scene.height_map.range.0, scene.height_map.range.1, scene.zero, scale);
     Displacement {
         scale,
         zero: scene.zero,
@@ -177,22 +180,18 @@ fn displacement(scene: &Scene, method: Method) -> Displacement {
     }
 }
 
-/// Bounds on `scale * (texel - zero)` as the kernels compute it from texels in `range`. Their rounding: the texel's
-/// conversion and its bilinear weights leave it within 6 roundings of the larger texels, the difference and the
-/// product add two. Eight times the machine epsilon is twice that.
-fn height_range(range: (f32, f32), scale: f32, zero: f32) -> (f32, f32) {
-    let (low, high, scale, zero) =
-        (f64::from(range.0), f64::from(range.1), f64::from(scale), f64::from(zero));
-    let slack = 8.0 * f64::from(f32::EPSILON) * scale.abs() * (low.abs().max(high.abs()) + zero.abs());
-    let (a, b) = (scale * (low - zero), scale * (high - zero));
-    #[expect(clippy::cast_possible_truncation, reason = "rounded outwards in the same expression")]
-    let rounded = ((a.min(b) - slack) as f32, (a.max(b) + slack) as f32);
-    if scale == 0.0 { (0.0, 0.0) } else { (rounded.0.next_down(), rounded.1.next_up()) }
+/// Writes each triangle's own range of heights into it: what its box and its prism are made of.
+fn bound_heights(scene: &mut Scene, features: Features, displacement: Displacement) {
+    let field = HeightField::of_map(&scene.height_map.texels, features, displacement);
+    let vertices = &scene.mesh.vertices;
+    scene.mesh.triangles.par_iter_mut().for_each(|triangle| {
+        (triangle.height_min, triangle.height_max) = height_bounds(&field, vertices, *triangle);
+    });
 }
 
 /// The box of each displaced triangle.
-fn prism_boxes(mesh: &Mesh, displacement: &Displacement) -> Vec<Aabb> {
-    mesh.triangles.par_iter().map(|&triangle| prism_bounds(&mesh.vertices, triangle, displacement)).collect()
+fn prism_boxes(mesh: &Mesh) -> Vec<Aabb> {
+    mesh.triangles.par_iter().map(|&triangle| prism_bounds(&mesh.vertices, triangle)).collect()
 }
 
 /// The lights as the kernels read them.
@@ -276,22 +275,6 @@ mod tests {
     fn rendered(settings: &Settings, samples: u32) -> Rendering {
         let job = prepare(quilt(), settings).expect("framed");
         render(&mut CpuBackend::new(), &job, samples, &mut |_| ControlFlow::Continue(())).expect("fits")
-    }
-
-    /// Heights as the kernels compute them, at both ends of the range and between, lie in the stated range.
-    #[test]
-    fn heights_lie_in_their_range() {
-        for (zero, scale) in [(0.5, 0.3), (0.1, -7.7), (-3.0, 1e-3), (1.0 / 3.0, 123.456)] {
-            let (low, high) = height_range((0.0, 1.0), scale, zero);
-            for i in 0..=255 {
-                let height = scale * (i as f32 * (1.0 / 255.0) - zero);
-                assert!(low <= height && height <= high, "{low} {height} {high}");
-            }
-            // Not wider than by the slack, eight epsilons of the largest term.
-            let width = scale.abs() * (1.0 + zero.abs());
-            assert!((high - low) - scale.abs() <= 20.0 * f32::EPSILON * width);
-        }
-        assert_eq!(height_range((0.0, 1.0), 0.0, 0.5), (0.0, 0.0));
     }
 
     #[test]

@@ -139,7 +139,7 @@ fn scene_with_every_buffer_loads() {
     let mut backend = lavapipe();
     let scene = SceneBuffers {
         vertices: vec![Vertex::default(); 3],
-        triangles: vec![Triangle { vertices: [0, 1, 2], flags: 0 }],
+        triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
         nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
         primitives: vec![0],
         // 20 MiB: more than one piece of the staging buffer.

@@ -117,7 +117,7 @@ impl Conic {
         // counts as folded, and its scan takes every cell.
         let shortest = base.shortest_normal();
         let wild = shortest == 0.0;
-        let (low, high) = BaseTriangle::lift_range(&field.displacement, if wild { 1.0 } else { shortest });
+        let (low, high) = base.lift_range(if wild { 1.0 } else { shortest });
 
         // Move the origin along the ray to the prism, so that differences are of the prism's size.
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
@@ -781,7 +781,12 @@ mod tests {
                 Displacement::height_range(0.0, 1.0, displacement.zero, displacement.scale);
             Prism {
                 vertices,
-                triangle: Triangle { vertices: [0, 1, 2], flags: 0 },
+                triangle: Triangle {
+                    vertices: [0, 1, 2],
+                    flags: 0,
+                    height_min: displacement.height_min,
+                    height_max: displacement.height_max,
+                },
                 texels: texels.into_iter().map(f32::to_bits).collect(),
                 frame: Frame { displacement, ..Frame::default() },
             }

@@ -3,4 +3,5 @@
 pub mod brute_force;
 pub mod cell;
 pub mod grid_walk;
+pub mod height_bounds;
 pub mod surface;

@@ -5,10 +5,10 @@ use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::hit::Hit;
 use crate::interface::{Displacement, FLIPPED, Triangle, Vertex};
-use crate::math::{UNIT_ROUNDOFF, at, dot, fma3, max_abs, sqrt};
+use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
-use crate::texture::sample_height;
+use crate::texture::{height_texel, sample_height};
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
@@ -17,7 +17,8 @@ use glam::{Vec2, Vec3};
 pub struct HeightField<'a> {
     texels: &'a [u32],
     format: u32,
-    wrap: u32,
+    /// How it goes on beyond its border: see [`wrap`](crate::interface::wrap).
+    pub wrap: u32,
     /// Scale, zero, N and the size of the map.
     pub displacement: Displacement,
 }
@@ -26,12 +27,19 @@ impl<'a> HeightField<'a> {
     /// The height field of a scene.
     #[inline]
     pub fn new(scene: &SceneView<'a>, features: Features) -> Self {
-        HeightField {
-            texels: scene.height_texels,
-            format: features.height_format,
-            wrap: features.height_wrap,
-            displacement: scene.frame.displacement,
-        }
+        Self::of_map(scene.height_texels, features, scene.frame.displacement)
+    }
+
+    /// The height field of a packed map, before there is a scene.
+    #[inline]
+    pub fn of_map(texels: &'a [u32], features: Features, displacement: Displacement) -> Self {
+        HeightField { texels, format: features.height_format, wrap: features.height_wrap, displacement }
+    }
+
+    /// Texel `i` of the map, the first at the top left.
+    #[inline]
+    pub fn texel(&self, i: u32) -> f32 {
+        height_texel(self.texels, self.format, i)
     }
 
     /// Height in model units at texture coordinates `uv`, which must be finite.
@@ -79,6 +87,10 @@ pub struct BaseTriangle {
     pub t1: Vec2,
     /// Texture coordinates of vertex 2.
     pub t2: Vec2,
+    /// Least height over it.
+    pub height_min: f32,
+    /// Greatest height over it.
+    pub height_max: f32,
 }
 
 /// A vertex of the surface, over a point of the base triangle's grid.
@@ -110,6 +122,8 @@ impl BaseTriangle {
             t0: Vec2::new(a.u, a.v),
             t1: Vec2::new(b.u, b.v),
             t2: Vec2::new(c.u, c.v),
+            height_min: triangle.height_min,
+            height_max: triangle.height_max,
         }
     }
 
@@ -169,33 +183,41 @@ impl BaseTriangle {
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
-    /// that none is proven.
+    /// that none above 0.1 is proven.
     ///
-    /// With unit normals whose cosines are at least c, |sum w_i n_i|² = 1 - 2 sum_{i<j} w_i w_j (1 - cos_ij)
-    /// >= 1 - 2 (1 - c) / 3, since the w_i w_j add up to at most 1/3.
+    /// It is the distance from 0 to the triangle (n0, n1, n2): to its plane where the foot lies inside, else to the
+    /// nearest edge, that of two unit vectors of cosine c being sqrt((1 + c) / 2).
     #[inline]
     pub fn shortest_normal(&self) -> f32 {
-        let c = dot(self.n0, self.n1).min(dot(self.n1, self.n2)).min(dot(self.n2, self.n0));
-        // Stored unit normals are off by some 1e-7; so are the dot products.
-        let squared = (1.0 + 2.0 * c) / 3.0 - 1e-6;
-        if squared > 0.01 { sqrt(squared) * (1.0 - 1e-6) } else { 0.0 }
+        let (n0, n1, n2) = (self.n0, self.n1, self.n2);
+        let c = dot(n0, n1).min(dot(n1, n2)).min(dot(n2, n0));
+        let to_edges = (0.5 + 0.5 * c).max(0.0);
+        // The foot of the perpendicular is inside where no edge sees it from outside.
+        let m = cross(n1 - n0, n2 - n0);
+        let (w0, w1, w2) = (dot(m, cross(n1, n2)), dot(m, cross(n2, n0)), dot(m, cross(n0, n1)));
+        let inside = w0 > 0.0 && w1 > 0.0 && w2 > 0.0;
+        let to_plane = dot(m, n0) * dot(m, n0) / dot(m, m);
+        let squared = if inside { to_plane.min(to_edges) } else { to_edges };
+        // Stored unit normals are off by some 1e-7, and so is all that follows from them; above the threshold that is
+        // a relative 1e-5.
+        if squared > 0.01 { sqrt(squared) * (1.0 - 2e-5) } else { 0.0 }
     }
 
     /// Bounds on the lift of every micro-vertex: heights widened by 1 / min |n| (DESIGN's hull for normalised
     /// directions). `shortest` is a positive [`shortest_normal`](Self::shortest_normal).
     #[inline]
-    pub fn lift_range(displacement: &Displacement, shortest: f32) -> (f32, f32) {
-        let (low, high) = (displacement.height_min, displacement.height_max);
+    pub fn lift_range(&self, shortest: f32) -> (f32, f32) {
+        let (low, high) = (self.height_min, self.height_max);
         (low.min(low / shortest), high.max(high / shortest))
     }
 
-    /// A box that holds every micro-triangle with heights in the displacement's range.
+    /// A box that holds every micro-triangle with heights in the triangle's range.
     ///
     /// Two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of the lift's range
     /// (every displaced point is a convex combination of them), and the base triangle's box grown by the greatest
     /// height (directions are unit vectors). Padded by what rounding can move a micro-vertex.
-    pub fn bounds(&self, displacement: &Displacement) -> Aabb {
-        let reach = displacement.height_min.abs().max(displacement.height_max.abs());
+    pub fn bounds(&self) -> Aabb {
+        let reach = self.height_min.abs().max(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
         // result of some 6 operations of which Vulkan allows two (division, root) 2.5 ulp: below 24 u in all.
@@ -206,7 +228,7 @@ impl BaseTriangle {
         if shortest == 0.0 {
             return grown.padded(rounding);
         }
-        let (low, high) = Self::lift_range(displacement, shortest);
+        let (low, high) = self.lift_range(shortest);
         let hull = Aabb::EMPTY
             .including(self.p0 + self.n0 * low)
             .including(self.p1 + self.n1 * low)
@@ -219,8 +241,8 @@ impl BaseTriangle {
 }
 
 /// [`BaseTriangle::bounds`] of a stored triangle.
-pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle, displacement: &Displacement) -> Aabb {
-    BaseTriangle::load(vertices, triangle, 0).bounds(displacement)
+pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle) -> Aabb {
+    BaseTriangle::load(vertices, triangle, 0).bounds()
 }
 
 #[cfg(test)]
@@ -247,6 +269,9 @@ mod tests {
         (d.map_width, d.map_height, d.subdivisions) = (8, 8, 1 + (numbers.unit() * 16.0) as u32);
         (d.scale, d.zero) = (numbers.wide().clamp(-2.0, 2.0) * size, numbers.unit());
         (d.height_min, d.height_max) = Displacement::height_range(0.0, 1.0, d.zero, d.scale);
+        for t in &mut scene.triangles {
+            (t.height_min, t.height_max) = (d.height_min, d.height_max);
+        }
         scene.height_texels = texels.into_iter().map(f32::to_bits).collect();
         scene
     }
@@ -259,7 +284,7 @@ mod tests {
             let view = scene.view();
             let field = HeightField::new(&view, FLAT);
             let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
-            let bounds = base.bounds(&scene.frame.displacement);
+            let bounds = base.bounds();
             let n = scene.frame.displacement.subdivisions;
             for j in 0..=n {
                 for k in 0..=n - j {

@@ -158,7 +158,11 @@ fn oriented(vertices: [u32; 3]) -> Triangle {
     let inversions = u32::from(a > b) + u32::from(a > c) + u32::from(b > c);
     let mut ascending = vertices;
     ascending.sort_unstable();
-    Triangle { vertices: ascending, flags: if inversions % 2 == 1 { FLIPPED } else { 0 } }
+    Triangle {
+        vertices: ascending,
+        flags: if inversions % 2 == 1 { FLIPPED } else { 0 },
+        ..Triangle::default()
+    }
 }
 
 /// A vector's bits, equal where its coordinates are: -0 counts as 0.
