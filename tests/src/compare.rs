@@ -14,12 +14,15 @@ use emboss::render::{Job, render};
 use std::ops::ControlFlow;
 
 /// The greatest difference of a channel that rounding explains where both rays meet the same micro-triangle: half a
-/// step of an 8-bit code, so that stored pictures differ by one code at most.
+/// step of an 8-bit code, so that stored pictures differ by one code at most. Of a pixel brighter than white it is
+/// that share of the brightness.
 ///
-/// A micro-vertex is off by 24 u of its coordinates (see `BaseTriangle::bounds`; u = 2^-24), the normal of a
-/// micro-triangle by that divided by its size, and what is shown changes at most about as fast as the normal: for
-/// micro-triangles of 1/400 of the coordinates and more (N = 64 on meshes of some thousand triangles) this is
-/// 24 u x 2 x 400 = 1.1e-3, below the 2e-3 here.
+/// What is shown of a surface is brightness times something that changes about as fast as the normal, or slower. A
+/// micro-vertex is off by 24 u of its coordinates (see `BaseTriangle::bounds`; u = 2^-24), the normal of a
+/// micro-triangle by that divided by its size, and two backends by twice that: for micro-triangles of 1/400 of the
+/// coordinates and more (N = 64 on meshes of some thousand triangles) 24 u x 2 x 400 = 1.1e-3. Maps add the rounding
+/// of texture coordinates, 4 u of the map's width in texels times the step from texel to texel, at most 1: 2.4e-4 for
+/// 1024 texels.
 pub const ROUNDING: f32 = 0.5 / 255.0;
 
 /// By how much rounding can turn a ray, as a share of half the film's width. Film coordinates and direction take some
@@ -58,7 +61,8 @@ struct Stray {
 
 impl Comparison {
     /// Compares pixel by pixel: those whose channels (linear, premultiplied, alpha too) differ by more than
-    /// `tolerance` are strays, and so is any that is not a number.
+    /// `tolerance` (times the reference's brightness, where that is above 1) are strays, and so is any that is not a
+    /// number.
     ///
     /// # Panics
     /// Where the pictures differ in size.
@@ -140,9 +144,11 @@ impl std::fmt::Display for Comparison {
     }
 }
 
-/// The greatest difference of a channel; NaN where a channel is.
-fn difference(a: &Picture, b: &Picture, index: usize) -> f32 {
-    let channels = (a.pixels[index] - b.pixels[index]).abs().to_array();
+/// The greatest difference of a channel, as a share of the reference's brightness where that is above 1; NaN where a
+/// channel is.
+fn difference(picture: &Picture, reference: &Picture, index: usize) -> f32 {
+    let (pixel, expected) = (picture.pixels[index], reference.pixels[index]);
+    let channels = ((pixel - expected).abs() / expected.max_element().max(1.0)).to_array();
     channels.into_iter().fold(0.0, |greatest, d| if d > greatest || d.is_nan() { d } else { greatest })
 }
 
@@ -214,6 +220,16 @@ mod tests {
         picture.pixels.iter_mut().for_each(|pixel| *pixel += Vec4::splat(0.9 * ROUNDING));
         assert!(is_same(&picture));
         assert!(Comparison::new(&picture, &disc(), ROUNDING).greatest() > 0.8 * ROUNDING);
+    }
+
+    #[test]
+    fn bright_pixels_differ_by_a_share_of_their_brightness() {
+        let (mut picture, mut reference) = (disc(), disc());
+        reference.pixels[MIDDLE] = Vec4::new(3.0, 1.0, 1.0, 1.0);
+        picture.pixels[MIDDLE] = Vec4::new(3.0 + 2.0 * ROUNDING, 1.0, 1.0, 1.0);
+        assert!(Comparison::new(&picture, &reference, ROUNDING).is_same());
+        picture.pixels[MIDDLE].x = 3.0 + 4.0 * ROUNDING;
+        assert!(!Comparison::new(&picture, &reference, ROUNDING).is_same());
     }
 
     #[test]

@@ -248,7 +248,7 @@ fn triangle_hits_agree() {
         let towards = if i % 16 == 15 { origin - target } else { target - origin };
         items.push_vectors(&[origin, towards.normalize(), p[0], p[1], p[2]]);
     }
-    let (mut hits, mut misses, mut undecided_differences) = (0, 0, 0);
+    let (mut hits, mut misses, mut differing) = (0, 0, 0);
     for (input, outputs) in items.0.chunks(IN).zip(items.run(probe::TRIANGLE)) {
         let [origin, direction, p0, p1, p2] = [0, 3, 6, 9, 12].map(|i| dvec3(input, i));
         let (edges, depths) = exact_edges(origin, direction, [p0, p1, p2]);
@@ -275,12 +275,11 @@ fn triangle_hits_agree() {
             }
         }
         let found = outputs.map(|output| float(&output, 0).is_finite());
-        undecided_differences += usize::from(found[0] != found[1]);
+        differing += usize::from(found[0] != found[1]);
     }
-    println!("{undecided_differences}");
     assert!(hits > ITEMS / 8 && misses > ITEMS / 4, "{hits} hits, {misses} misses");
-    // Three of eight rays aim at an edge; elsewhere hardly any is undecided.
-    assert!(undecided_differences <= ITEMS * 3 / 8, "{undecided_differences} rays differ");
+    // Three of eight rays aim at an edge, half of them within it: only of those should rounding decide, mostly alike.
+    assert!(differing * 8 <= ITEMS, "{differing} rays differ");
 }
 
 /// A line and a patch, exactly: the quadratic for u, and what follows from a u.
@@ -388,7 +387,6 @@ fn patch_hits_agree() {
         counts_differ += usize::from(hits[0].len() != hits[1].len());
     }
     assert!(decided > ITEMS / 2, "only {decided} roots are decided");
-    println!("counts differ {counts_differ}, {decided}");
     assert!(counts_differ * 1000 < ITEMS, "{counts_differ} patches are met differently often");
 }
 
@@ -435,7 +433,6 @@ fn cells_agree() {
             }
         }
     }
-    println!("differ {differing}");
     assert!(differing * 100 < ITEMS, "{differing} cells differ");
 }
 
