@@ -10,7 +10,7 @@ use emboss::scene::{ColorMap, HeightMap};
 use emboss::settings::{Method, Settings, Shade, Wrap};
 use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
-use emboss_tests::compare::{Comparison, ROUNDING, against_cpu, rendered};
+use emboss_tests::compare::{Comparison, VISIBLE, against_cpu, rendered};
 use emboss_tests::{Numbers, builtin_scene, finish, job, lavapipe};
 use glam::{Vec3, Vec4};
 use std::ops::ControlFlow;
@@ -79,7 +79,7 @@ fn knot_is_alike_in_every_shade_and_without_shadows() {
     let shadowed = rendered(&mut CpuBackend::new(), &job(scene.clone(), &settings), SAMPLES);
     let job = job(scene, &Settings { shadows: false, ..settings });
     let unshadowed = assert_alike(&mut backend, &job, "no shadows");
-    assert!(!Comparison::new(&unshadowed, &shadowed, ROUNDING).is_same(), "there are shadows to leave out");
+    assert!(!Comparison::new(&unshadowed, &shadowed, VISIBLE).is_same(), "there are shadows to leave out");
     finish(backend);
 }
 
@@ -134,7 +134,7 @@ fn height_formats_and_wraps_are_alike() {
     }
     // The three formats hold the same relief; the three wraps show it differently.
     for (i, picture) in pictures.iter().enumerate() {
-        let same_as_first = |other: usize| Comparison::new(picture, &pictures[other], ROUNDING).strays() < 20;
+        let same_as_first = |other: usize| Comparison::new(picture, &pictures[other], VISIBLE).strays() < 20;
         assert!(same_as_first(i % 3), "{i}: formats differ");
         assert!(!same_as_first((i + 1) % 3) && !same_as_first((i + 2) % 3), "{i}: wraps agree");
     }
@@ -173,7 +173,7 @@ fn color_formats_and_wraps_are_alike() {
             ));
         }
     }
-    let same = |a: usize, b: usize| Comparison::new(&pictures[a], &pictures[b], ROUNDING).strays() < 20;
+    let same = |a: usize, b: usize| Comparison::new(&pictures[a], &pictures[b], VISIBLE).strays() < 20;
     assert!(same(0, 3) && same(1, 4) && same(2, 5), "formats differ");
     assert!(!same(0, 1) && !same(1, 2) && !same(2, 0) && !same(0, 6), "wraps or colours do not show");
     finish(backend);
@@ -241,7 +241,7 @@ fn seed_decides_the_bytes() {
     for backend in backends {
         let first = rendered(backend, &with_seed(1), SAMPLES);
         let other = rendered(backend, &with_seed(2), SAMPLES);
-        assert!(!Comparison::new(&first, &other, ROUNDING).is_same());
+        assert!(!Comparison::new(&first, &other, VISIBLE).is_same());
         assert_eq!(rendered(backend, &with_seed(1), SAMPLES), first);
     }
     finish(vulkan);
