@@ -179,6 +179,9 @@ fn color_formats_and_wraps_are_alike() {
     finish(backend);
 }
 
+/// What spoils the pixels of a picture.
+type Fault<'a> = &'a dyn Fn(&mut Vec<Vec4>);
+
 /// The comparison sees on a real picture what it is there to see.
 #[test]
 fn faults_in_a_picture_are_seen() {
@@ -186,14 +189,14 @@ fn faults_in_a_picture_are_seen() {
     let job = job(scene, &settings);
     let picture = rendered(&mut CpuBackend::new(), &job, SAMPLES);
     let middle = (HEIGHT / 2 * WIDTH + WIDTH / 2) as usize;
-    let faulty = |fault: &dyn Fn(&mut Vec<Vec4>)| {
+    let faulty = |fault: Fault<'_>| {
         let mut picture = picture.clone();
         fault(&mut picture.pixels);
         against_cpu(&job, SAMPLES, &picture)
     };
     assert!(faulty(&|_| {}).is_same());
     let swapped = picture.pixels.iter().position(|pixel| (*pixel - picture.pixels[middle]).x.abs() > 0.01);
-    let faults: [(&str, &dyn Fn(&mut Vec<Vec4>)); 6] = [
+    let faults: [(&str, Fault<'_>); 6] = [
         ("a pixel a little darker", &|pixels| pixels[middle] *= Vec4::new(0.95, 0.95, 0.95, 1.0)),
         ("a hole", &|pixels| pixels[middle] = Vec4::ZERO),
         ("swapped pixels", &|pixels| pixels.swap(middle, swapped.unwrap())),
