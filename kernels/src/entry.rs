@@ -7,9 +7,9 @@
 
 use crate::counters::Counts;
 use crate::interface::{
-    Batch, BvhNode, Counter, FilmPixel, Frame, Intersection, PointLight, Ray, Tile, Triangle, Vertex,
+    Batch, BvhNode, Counter, FilmPixel, Frame, Intersection, PointLight, Ray, Tile, Triangle, Vertex, counter,
 };
-use crate::math::{add_counter, at, put};
+use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::scene::{Features, SceneView};
 use crate::{probe, render};
 use glam::{UVec3, Vec4};
@@ -19,6 +19,8 @@ use spirv_std::{glam, spirv};
 #[spirv(compute(threads(8, 8), entry_point_name = "render"))]
 pub fn render(
     #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut [Counter; counter::COUNT],
     #[spirv(push_constant)] tile: &Tile,
     #[spirv(spec_constant(id = 0, default = 2))] method: u32,
     #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
@@ -51,15 +53,15 @@ pub fn render(
         color_wrap,
         counters: counting,
     };
+    let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
         let (x, y) = (tile.x + id.x, tile.y + id.y);
-        let mut counts = Counts::default();
         let sample = render::sample_pixel(&scene, features, x, y, tile.sample, &mut counts);
         let pixel = y * frame.width + x;
         let sum = at(film, pixel).plus(sample);
         put(film, pixel, sum);
-        add_counts(counters, counts, features);
     }
+    add_counts(counters, shared, local, counts, features);
 }
 
 /// Resolves each pixel of a tile.
@@ -81,6 +83,8 @@ pub fn resolve(
 #[spirv(compute(threads(64), entry_point_name = "trace_rays"))]
 pub fn trace_rays(
     #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut [Counter; counter::COUNT],
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 0, default = 2))] method: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
@@ -101,12 +105,12 @@ pub fn trace_rays(
     let scene =
         SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
     let features = Features { method, height_format, height_wrap, counters: counting, ..Features::default() };
+    let mut counts = Counts::default();
     if id.x < batch.count {
-        let mut counts = Counts::default();
         let i = batch.first + id.x;
         put(intersections, i, render::trace_ray(&scene, features, at(rays, i), &mut counts));
-        add_counts(counters, counts, features);
     }
+    add_counts(counters, shared, local, counts, features);
 }
 
 /// Runs one elementary kernel on each item of a batch.
@@ -122,16 +126,35 @@ pub fn probe(
     }
 }
 
-/// Adds an invocation's counts to the totals: cap hits always, the rest where counting is compiled in.
-fn add_counts(counters: &mut [Counter], counts: Counts, features: Features) {
-    let values = counts.to_array();
+/// Adds an invocation's counts to the totals: cap hits always, the rest where counting is compiled in. Then a
+/// workgroup sums its own first: one address that every invocation of a device adds to costs more than the tracing.
+/// Every invocation of the workgroup must come here.
+fn add_counts(
+    counters: &mut [Counter],
+    shared: &mut [Counter; counter::COUNT],
+    local: u32,
+    counts: Counts,
+    features: Features,
+) {
     if features.counters != 0 {
+        if local < counter::COUNT as u32 {
+            shared[local as usize] = Counter { low: 0, high: 0 };
+        }
+        workgroup_barrier();
+        let values = counts.to_array();
         let mut i = 0;
-        while i < values.len() {
-            add_counter(counters, i as u32, values[i]);
+        while i < counter::COUNT {
+            if values[i] != 0 {
+                add_to_counter(&mut shared[i], Counter { low: values[i], high: 0 });
+            }
             i += 1;
         }
+        workgroup_barrier();
+        if local < counter::COUNT as u32 {
+            add_to_counter(&mut counters[local as usize], shared[local as usize]);
+        }
     } else if counts.cap_hits != 0 {
-        add_counter(counters, crate::interface::counter::CAP_HITS, counts.cap_hits);
+        let cap_hits = Counter { low: counts.cap_hits, high: 0 };
+        add_to_counter(&mut counters[counter::CAP_HITS as usize], cap_hits);
     }
 }

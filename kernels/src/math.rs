@@ -148,15 +148,23 @@ pub fn put<T: Copy>(buffer: &mut [T], i: u32, value: T) {
     }
 }
 
-/// Adds `value` to a 64-bit counter that all invocations share: atomically on SPIR-V, where the upper word counts
-/// the lower one's overflows. On the CPU the caller holds the buffer alone.
+/// Adds `value` to a 64-bit counter that others add to as well: atomically on SPIR-V, where the upper word counts the
+/// lower one's overflows. On the CPU the caller holds it alone.
 #[inline]
-pub fn add_counter(counters: &mut [Counter], i: u32, value: u32) {
-    let counter = &mut counters[i as usize];
-    let old = add_atomically(&mut counter.low, value);
-    if old.wrapping_add(value) < old {
-        add_atomically(&mut counter.high, 1);
+pub fn add_to_counter(counter: &mut Counter, value: Counter) {
+    let old = add_atomically(&mut counter.low, value.low);
+    let carry = (old.wrapping_add(value.low) < old) as u32;
+    if carry + value.high != 0 {
+        add_atomically(&mut counter.high, carry + value.high);
     }
+}
+
+/// Waits until every invocation of the workgroup is here and sees what the others wrote to its shared memory. On
+/// the CPU phases are run one after the other by the caller: nothing to wait for.
+#[inline]
+pub fn workgroup_barrier() {
+    #[cfg(target_arch = "spirv")]
+    spirv_std::arch::workgroup_memory_barrier_with_group_sync();
 }
 
 /// Adds to a word, returns its old value.
@@ -248,8 +256,10 @@ pub(crate) mod tests {
 
     #[test]
     fn counter_carries_into_its_upper_word() {
-        let mut counters = [Counter { low: u32::MAX - 1, high: 2 }];
-        add_counter(&mut counters, 0, 3);
-        assert_eq!(counters[0], Counter { low: 1, high: 3 });
+        let mut counter = Counter { low: u32::MAX - 1, high: 2 };
+        add_to_counter(&mut counter, Counter { low: 3, high: 0 });
+        assert_eq!(counter, Counter { low: 1, high: 3 });
+        add_to_counter(&mut counter, Counter { low: u32::MAX, high: 4 });
+        assert_eq!(counter.value(), (8 << 32));
     }
 }

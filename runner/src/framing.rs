@@ -4,7 +4,6 @@ use crate::bvh::HostAabb;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight};
 use glam::{DVec3, Vec3};
-use std::f32::consts::PI;
 
 /// The share of the film that the framed model fills along its longer side.
 const FILLED: f64 = 0.92;
@@ -114,8 +113,8 @@ pub fn frame(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, Framin
 }
 
 /// The light of a scene that names none: white, over the viewer's left shoulder, at one and a half times the
-/// viewer's distance from the target. Its intensity is such that a surface at the target that faces it has the
-/// irradiance pi: a white Lambertian surface there looks white.
+/// viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1: a white
+/// one looks white.
 pub fn key_light(framing: &Framing) -> PointLight {
     let Framing { camera, target } = framing;
     let shoulder = 0.6 * camera.up.normalize() - 0.7 * camera.right.normalize() - camera.forward;
@@ -123,9 +122,9 @@ pub fn key_light(framing: &Framing) -> PointLight {
     PointLight { position, color: Vec3::ONE, intensity: intensity_for(position, *target), padding: 0 }
 }
 
-/// The intensity with which a light at `position` gives the irradiance pi at `target`.
+/// The intensity with which a light at `position` gives full light, the irradiance 1, at `target`.
 pub fn intensity_for(position: Vec3, target: Vec3) -> f32 {
-    PI * position.distance_squared(target)
+    position.distance_squared(target)
 }
 
 /// The picture's axes and its half sizes at distance 1.
@@ -277,11 +276,11 @@ mod tests {
     }
 
     #[test]
-    fn the_key_light_gives_the_irradiance_pi() {
+    fn the_key_light_gives_full_light() {
         let framing = frame(&View::default(), &cube(), 1.0).expect("framed");
         let light = key_light(&framing);
         let irradiance = light.intensity / light.position.distance_squared(framing.target);
-        assert!((irradiance - PI).abs() < 1e-5);
+        assert!((irradiance - 1.0).abs() < 1e-6);
         // Over the left shoulder: behind, above and left of the viewer.
         let from_eye = light.position - framing.camera.eye;
         assert!(from_eye.dot(framing.camera.right) < 0.0 && from_eye.dot(framing.camera.up) > 0.0);

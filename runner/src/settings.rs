@@ -99,7 +99,7 @@ pub struct Light {
     pub position: Vec3,
     /// Linear RGB.
     pub color: Vec3,
-    /// Irradiance times squared distance. `None`: as much as gives the irradiance pi at the camera's target.
+    /// Irradiance times squared distance. `None`: as much as gives full light (1) at the camera's target.
     pub intensity: Option<f32>,
 }
 

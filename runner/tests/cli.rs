@@ -191,7 +191,7 @@ fn statistics_have_every_number() {
     assert_eq!(number("/pixels_hit"), number("/work/hits") / 2.0);
     assert!(number("/pixels_hit") > 16.0 && number("/pixels_hit") < 16.0 * 12.0);
     assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
-    assert_eq!(number("/bytes/triangles"), 12.0 * 16.0);
+    assert_eq!(number("/bytes/triangles"), 12.0 * 24.0);
     assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
     for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/steps", "/work/triangles"] {
         assert!(number(positive) > 0.0, "{positive}");
@@ -233,6 +233,8 @@ fn arguments_left_out_are_filled_and_printed() {
 fn built_in_scenes_bring_their_relief() {
     let stdout = Place::new().run(&QUICK).succeeded().stdout;
     assert!(stdout.contains("height builtin:cube  (built-in)"), "{stdout}");
+    // Not the default of files, which is 0.5.
+    assert!(stdout.contains("zero   0  (built-in)"), "{stdout}");
     assert!(stdout.contains("N      4  (given)"), "{stdout}");
 }
 
@@ -489,7 +491,7 @@ mod unix {
     #[test]
     fn ctrl_c_keeps_the_picture_so_far() {
         let place = Place::new();
-        let (mut child, mut stderr) = started(&place, "--samples=4000000", "4");
+        let (mut child, mut stderr) = started(&place, "--samples=20000", "4");
         interrupt(&child);
         wait_for(&mut stderr, "interrupted; the picture so far was written to out.png");
         assert_eq!(child.wait().expect("ended").code(), Some(130));

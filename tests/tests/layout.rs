@@ -102,7 +102,7 @@ macro_rules! shared {
 
 shared! {
     Vertex { position, u, normal, v }
-    Triangle { vertices, flags }
+    Triangle { vertices, flags, height_min, height_max }
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
     Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }

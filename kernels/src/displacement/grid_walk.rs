@@ -33,7 +33,7 @@ use crate::displacement::surface::{BaseTriangle, HeightField, MicroVertex};
 use crate::hit::Hit;
 use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs, sum_abs};
 use crate::ray::TraversalRay;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// The nearer of `nearest` and the ray's hit on the micro-triangles of `base`, found by walking the grid.
 #[inline]
@@ -238,7 +238,8 @@ impl Conic {
     }
 
     /// The nearer of `nearest` and the hits on every candidate cell of the prism, row by row: O(N) rows and what
-    /// lies on the path. On a row the flag is a quadratic, so its band around zero is at most two intervals.
+    /// lies on the path. On a row the flag is a quadratic, so its band around zero is at most two intervals. Where the
+    /// ray runs along the normals flags are near zero everywhere; there [`Slabs`] say which cells it can meet.
     fn scan(
         &self,
         field: &HeightField<'_>,
@@ -250,15 +251,23 @@ impl Conic {
         counts.scans += 1;
         let widest = self.bend.max_element() + (self.lift_max - self.lift_min) * self.twist.max_element();
         let band = if self.wild { f32::INFINITY } else { widest * (1.0 / 3.0) + self.rounding };
+        let slabs = Slabs::new(self, base, ray);
         let mut nearest = nearest;
         let mut j = 0;
         while j < self.n {
             // The cells of a strip in a row: lower and upper by turns.
-            let (first, last) = self.candidates_of_strip(j, band);
+            let end = self.n - j;
+            let reached = slabs.reach(
+                grid_point(j, 0, self.n),
+                grid_point(j, end, self.n),
+                grid_point(j + 1, 0, self.n),
+                grid_point(j + 1, end - 1, self.n),
+            );
+            let (first, last) = if reached { self.candidates_of_strip(j, band) } else { (self.n, 0) };
             let mut i = 2 * first;
             while i <= (2 * last + 1).min(2 * (self.n - 1 - j)) {
                 let cell = Cell { j, k: i >> 1, upper: i & 1 != 0 };
-                if self.is_candidate(cell, band) {
+                if self.is_candidate(cell, band) && slabs.reach_cell(cell, self.n) {
                     let [a, b, c] = base.micro_triangle(field, cell);
                     nearest = base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest);
                     counts.triangles += 1;
@@ -316,6 +325,63 @@ impl Conic {
         let first = (range.min * n - 2.0).max(0.0) as u32;
         let end = ((range.max * n + 1.0).max(0.0) as u32).min(last);
         (first, end)
+    }
+}
+
+/// Distances from two planes through the ray, of the prism's six corners: a micro-triangle whose hull lies on one side
+/// of either is not met. Sharp where flags are blunt, for rays along the normals: the two ends of a column then
+/// have nearly the same distance.
+struct Slabs {
+    /// From the first plane, at the lower and at the upper cap.
+    first: (Vec3, Vec3),
+    /// From the second plane, perpendicular to the first.
+    second: (Vec3, Vec3),
+    /// What rounding can move a distance by.
+    margin: f32,
+}
+
+impl Slabs {
+    #[inline]
+    fn new(conic: &Conic, base: &BaseTriangle, ray: &TraversalRay) -> Self {
+        let (a, b) = ray.direction.any_orthonormal_pair();
+        let at = |lift: f32, plane: Vec3| {
+            let distance = |p: Vec3, n: Vec3| (p - conic.origin + n * lift).dot(plane);
+            Vec3::new(distance(base.p0, base.n0), distance(base.p1, base.n1), distance(base.p2, base.n2))
+        };
+        let (low, high) = (conic.lift_min, conic.lift_max);
+        let slabs =
+            Slabs { first: (at(low, a), at(high, a)), second: (at(low, b), at(high, b)), margin: 0.0 };
+        // Positions are off by `shift` in each coordinate, distances by 8 roundings of their own size and by the
+        // rounded planes' 4 u. Without a bound on lifts nothing is excluded.
+        let size = max_abs(slabs.first.0)
+            .max(max_abs(slabs.first.1))
+            .max(max_abs(slabs.second.0))
+            .max(max_abs(slabs.second.1));
+        let margin = 2.0 * conic.shift + 16.0 * UNIT_ROUNDOFF * size;
+        Slabs { margin: if conic.wild { f32::INFINITY } else { margin }, ..slabs }
+    }
+
+    /// Whether the ray can meet the hull of what stands over four points.
+    #[inline]
+    fn reach(&self, w0: Vec3, w1: Vec3, w2: Vec3, w3: Vec3) -> bool {
+        self.straddle(self.first, w0, w1, w2, w3) && self.straddle(self.second, w0, w1, w2, w3)
+    }
+
+    /// Whether the ray can meet the micro-triangle of a cell.
+    #[inline]
+    fn reach_cell(&self, cell: Cell, n: u32) -> bool {
+        let (j0, k0) = cell.vertex(0);
+        let (j1, k1) = cell.vertex(1);
+        let (j2, k2) = cell.vertex(2);
+        let last = grid_point(j2, k2, n);
+        self.reach(grid_point(j0, k0, n), grid_point(j1, k1, n), last, last)
+    }
+
+    #[inline]
+    fn straddle(&self, plane: (Vec3, Vec3), w0: Vec3, w1: Vec3, w2: Vec3, w3: Vec3) -> bool {
+        let low = Vec4::new(plane.0.dot(w0), plane.0.dot(w1), plane.0.dot(w2), plane.0.dot(w3));
+        let high = Vec4::new(plane.1.dot(w0), plane.1.dot(w1), plane.1.dot(w2), plane.1.dot(w3));
+        low.min(high).min_element() <= self.margin && low.max(high).max_element() >= -self.margin
     }
 }
 

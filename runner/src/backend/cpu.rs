@@ -282,6 +282,9 @@ fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::{Job, Scene, prepare};
+    use crate::scene::builtin;
+    use crate::settings::{Method, Settings};
 
     const GOING_ON: ControlFlow<()> = ControlFlow::Continue(());
 
@@ -314,17 +317,37 @@ mod tests {
         assert_eq!(totals[counter::PRIMARY_RAYS as usize], 1500 * 3 * 4);
     }
 
+    /// The relief of a built-in scene, framed, brute force.
+    fn cube(subdivisions: u32, width: u32, height: u32) -> Job {
+        let cube = builtin::load("builtin:cube").expect("built in");
+        let scene = Scene {
+            mesh: cube.mesh,
+            height_map: cube.height,
+            color_map: cube.color,
+            zero: cube.zero,
+            scale: cube.scale,
+            subdivisions,
+        };
+        let method = Method::BruteForce;
+        let settings = Settings { width, height, method, counting: true, ..Settings::default() };
+        prepare(scene, &settings).expect("framed")
+    }
+
     /// Neither tiles nor threads show: the film is what one loop over its pixels gives.
     #[test]
     fn the_film_equals_that_of_a_plain_loop() {
-        let mut backend = loaded(1500, 3, counting());
+        // Tiles end within rows, the last one early.
+        let job = cube(2, 200, 111);
+        let mut backend = CpuBackend::new();
+        backend.load(&job.buffers, &job.frame, job.features).expect("fits");
         let _ = backend.add_sample(5, &mut |_| GOING_ON);
         let scene = view(&backend.scene, &backend.frame);
         for (i, pixel) in backend.film.iter().enumerate() {
-            let (x, y) = (word(i % 1500), word(i / 1500));
-            let sample = sample_pixel(&scene, counting(), x, y, 5, &mut Counts::default());
+            let (x, y) = (word(i % 200), word(i / 200));
+            let sample = sample_pixel(&scene, job.features, x, y, 5, &mut Counts::default());
             assert_eq!(*pixel, FilmPixel::default().plus(sample), "pixel ({x}, {y})");
         }
+        assert!(backend.film.iter().any(|pixel| pixel.alpha > 0.0));
     }
 
     #[test]
@@ -344,23 +367,7 @@ mod tests {
     /// break comes while most of the 64 are still to do.
     #[test]
     fn a_break_ends_the_pass_and_keeps_the_film() {
-        let builtin = crate::scene::builtin::load("builtin:quilt").expect("built in");
-        let scene = crate::render::Scene {
-            mesh: builtin.mesh,
-            height_map: builtin.height,
-            color_map: None,
-            zero: builtin.zero,
-            scale: builtin.scale,
-            subdivisions: 64,
-        };
-        let settings = crate::settings::Settings {
-            width: 256,
-            height: 256,
-            method: crate::settings::Method::BruteForce,
-            counting: true,
-            ..Default::default()
-        };
-        let job = crate::render::prepare(scene, &settings).expect("framed");
+        let job = cube(64, 256, 256);
         let mut backend = CpuBackend::new();
         backend.load(&job.buffers, &job.frame, job.features).expect("fits");
         let flow = backend.add_sample(0, &mut |_| ControlFlow::Break(())).expect("runs");
