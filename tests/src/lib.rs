@@ -1,5 +1,6 @@
 //! Whole-program tests of Emboss, and what they share.
 
+pub mod compare;
 mod lavapipe;
 mod numbers;
 pub mod oracle;

@@ -21,6 +21,11 @@ impl Numbers {
         z ^ (z >> 31)
     }
 
+    /// The next 32 bits.
+    pub fn word(&mut self) -> u32 {
+        (self.bits() >> 32) as u32
+    }
+
     /// A multiple of 2^-24 in [0, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)
@@ -34,6 +39,11 @@ impl Numbers {
     /// An integer in [0, `n`), `n` above 0; the bias is below n / 2^32.
     pub fn below(&mut self, n: u32) -> u32 {
         (((self.bits() >> 32) * u64::from(n)) >> 32) as u32
+    }
+
+    /// Of either sign, of a magnitude between 2^-20 and 2^20.
+    pub fn wide(&mut self) -> f32 {
+        self.between(-1.0, 1.0) * self.between(-20.0, 20.0).exp2()
     }
 
     /// A point of the cube [-1, 1]³.

@@ -1,11 +1,12 @@
 //! Scenes for tests, made ready for a backend.
 
 use crate::Numbers;
+use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Mesh};
-use emboss::settings::{Settings, Wrap};
-use emboss_kernels::interface::{Vertex, height_format};
+use emboss::settings::{Light, Settings, Wrap};
+use emboss_kernels::interface::{PointLight, Vertex, height_format};
 use glam::{Quat, Vec3};
 
 /// A built-in scene without its colours, subdivided N times and displaced by `scale`.
@@ -19,15 +20,45 @@ pub fn builtin(name: &str) -> Scene {
     Scene { mesh, height_map: height, color_map: None, zero, scale, subdivisions }
 }
 
-/// Makes a scene ready, its height map wrapped that way.
+/// Built-in scene `name` in its colours with N = `subdivisions`, and the settings that show it as the command line
+/// does, `width` by `height` pixels large.
+///
+/// # Panics
+/// Where there is none of that name.
+pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> (Scene, Settings) {
+    let Some(builtin) = builtin::load(name) else { panic!("{name} is no built-in scene") };
+    let scene = Scene {
+        mesh: builtin.mesh,
+        height_map: builtin.height,
+        color_map: builtin.color,
+        zero: builtin.zero,
+        scale: builtin.scale,
+        subdivisions,
+    };
+    let view = View { from: builtin.view, usual_up: builtin.up, ..View::default() };
+    let light = |light: PointLight| Light {
+        position: light.position,
+        color: light.color,
+        intensity: Some(light.intensity),
+    };
+    let lights = builtin.lights.into_iter().map(light).collect();
+    (scene, Settings { width, height, view, lights, ..Settings::default() })
+}
+
+/// A scene as a job.
+///
+/// # Panics
+/// Where it cannot be framed: those of tests can.
+pub fn job(scene: Scene, settings: &Settings) -> Job {
+    prepare(scene, settings).unwrap_or_else(|error| panic!("the scene cannot be framed: {error}"))
+}
+
+/// Makes a scene ready for rays, its height map wrapped that way.
 ///
 /// # Panics
 /// Where it cannot be framed.
 pub fn ready(scene: Scene, wrap: Wrap) -> Job {
-    match prepare(scene, &Settings { wrap, width: 1, height: 1, ..Settings::default() }) {
-        Ok(job) => job,
-        Err(error) => panic!("the scene cannot be framed: {error}"),
-    }
+    job(scene, &Settings { wrap, width: 1, height: 1, ..Settings::default() })
 }
 
 /// The same scene turned and moved.

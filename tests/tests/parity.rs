@@ -1,0 +1,351 @@
+//! One source, two targets: the CPU backend and lavapipe make the same pictures and find the same hits. What "the
+//! same" means is said in [`emboss_tests::compare`].
+
+use emboss::backend::cpu::CpuBackend;
+use emboss::backend::vulkan::VulkanBackend;
+use emboss::backend::{Backend, Totals};
+use emboss::picture::Picture;
+use emboss::render::{Job, Scene};
+use emboss::scene::{ColorMap, HeightMap};
+use emboss::settings::{Method, Settings, Shade, Wrap};
+use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
+use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
+use emboss_tests::compare::{Comparison, VISIBLE, against_cpu, rendered};
+use emboss_tests::scenes::{builtin_scene, job};
+use emboss_tests::{Numbers, finish, lavapipe};
+use glam::{Vec3, Vec4};
+use std::ops::ControlFlow;
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 72;
+const SAMPLES: u32 = 2;
+const METHODS: [Method; 3] = [Method::GridWalk, Method::BruteForce, Method::None];
+const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+
+/// Asserts that `backend` makes the CPU's picture of a job, of which a fair part is surface.
+fn assert_alike(backend: &mut VulkanBackend, job: &Job, what: &str) -> Picture {
+    let picture = rendered(backend, job, SAMPLES);
+    against_cpu(job, SAMPLES, &picture).assert_same(what);
+    let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();
+    assert!(hit * 4 > picture.pixels.len(), "{what}: only {hit} pixels show anything");
+    picture
+}
+
+/// Asserts that the work was the same: rays exactly, the rest but for the few rays on whose way rounding decides.
+fn assert_same_work(device: &Totals, cpu: &Totals, what: &str) {
+    assert_eq!(device[counter::PRIMARY_RAYS as usize], cpu[counter::PRIMARY_RAYS as usize], "{what}");
+    for (i, (&device, &cpu)) in device.iter().zip(cpu).enumerate() {
+        assert!(device.abs_diff(cpu) * 200 <= cpu + 200, "{what}: counter {i} is {device}, on the CPU {cpu}");
+    }
+}
+
+/// Every method on a built-in scene, lit and with shadows.
+fn assert_methods_alike(name: &str, subdivisions: u32) {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene(name, subdivisions, WIDTH, HEIGHT);
+    for method in METHODS {
+        let job = job(scene.clone(), &Settings { method, counting: true, ..settings.clone() });
+        let what = format!("{name} by {method:?}");
+        assert_alike(&mut backend, &job, &what);
+        let mut cpu = CpuBackend::new();
+        rendered(&mut cpu, &job, SAMPLES);
+        assert_same_work(&backend.totals().unwrap(), &cpu.totals().unwrap(), &what);
+    }
+    finish(backend);
+}
+
+#[test]
+fn cube_is_alike_by_every_method() {
+    assert_methods_alike("builtin:cube", 16);
+}
+
+#[test]
+fn quilt_is_alike_by_every_method() {
+    assert_methods_alike("builtin:quilt", 16);
+}
+
+#[test]
+fn knot_is_alike_by_every_method() {
+    assert_methods_alike("builtin:knot", 8);
+}
+
+#[test]
+fn knot_is_alike_in_every_shade_and_without_shadows() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
+    for shade in [Shade::Normal, Shade::Height, Shade::Uv, Shade::Cell, Shade::Steps] {
+        let job = job(scene.clone(), &Settings { shade, ..settings.clone() });
+        assert_alike(&mut backend, &job, &format!("{shade:?}"));
+    }
+    let shadowed = rendered(&mut CpuBackend::new(), &job(scene.clone(), &settings), SAMPLES);
+    let job = job(scene, &Settings { shadows: false, ..settings });
+    let unshadowed = assert_alike(&mut backend, &job, "no shadows");
+    assert!(!Comparison::new(&unshadowed, &shadowed, VISIBLE).is_same(), "there are shadows to leave out");
+    finish(backend);
+}
+
+/// The quilt's two triangles with texture coordinates from -0.7 to 1.9, beyond the map on every side.
+fn overhanging_quilt() -> (Scene, Settings) {
+    let (mut scene, settings) = builtin_scene("builtin:quilt", 12, WIDTH, HEIGHT);
+    for vertex in &mut scene.mesh.vertices {
+        vertex.u = vertex.u * 2.6 - 0.7;
+        vertex.v = vertex.v * 2.6 - 0.7;
+    }
+    scene.color_map = None;
+    (scene, settings)
+}
+
+/// Sides of the maps of these tests: odd, so that rows begin within a word.
+const MAP: (u32, u32) = (13, 7);
+
+/// 8-bit texels of a map.
+fn codes(seed: u32) -> Vec<u32> {
+    let mut numbers = Numbers::new(seed);
+    (0..MAP.0 * MAP.1).map(|_| numbers.word() >> 24).collect()
+}
+
+/// The same relief in each format.
+fn relief(format: u32) -> HeightMap {
+    let codes = codes(5);
+    let unit = |code: u32| code as f32 / 255.0;
+    let word = |codes: &[u32], bits: u32| codes.iter().rev().fold(0, |word, code| word << bits | code);
+    let texels = match format {
+        height_format::UNORM8 => codes.chunks(4).map(|four| word(four, 8)).collect(),
+        height_format::UNORM16 => {
+            let codes: Vec<u32> = codes.iter().map(|code| code * 257).collect();
+            codes.chunks(2).map(|two| if two.len() == 2 { two[0] | two[1] << 16 } else { two[0] }).collect()
+        }
+        _ => codes.iter().map(|&code| unit(code).to_bits()).collect(),
+    };
+    let range = (0.0, 1.0);
+    HeightMap { width: MAP.0, height: MAP.1, format, texels, range, replaced: 0 }
+}
+
+#[test]
+fn height_formats_and_wraps_are_alike() {
+    let mut backend = lavapipe();
+    let (scene, settings) = overhanging_quilt();
+    let mut pictures = Vec::new();
+    for format in [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32] {
+        for wrap in WRAPS {
+            let scene = Scene { height_map: relief(format), scale: 0.1, ..scene.clone() };
+            let job = job(scene, &Settings { wrap, shade: Shade::Height, ..settings.clone() });
+            pictures.push(assert_alike(&mut backend, &job, &format!("format {format}, {wrap:?}")));
+        }
+    }
+    // The three formats hold the same relief; the three wraps show it differently.
+    for (i, picture) in pictures.iter().enumerate() {
+        let same_as_first = |other: usize| Comparison::new(picture, &pictures[other], VISIBLE).strays() < 20;
+        assert!(same_as_first(i % 3), "{i}: formats differ");
+        assert!(!same_as_first((i + 1) % 3) && !same_as_first((i + 2) % 3), "{i}: wraps agree");
+    }
+    finish(backend);
+}
+
+/// The same colours in each format.
+fn colors(format: u32) -> Option<ColorMap> {
+    let (red, green, blue) = (codes(1), codes(2), codes(3));
+    // The table of an 8-bit map need not be sRGB for a test: the squares of the codes.
+    let linear = |code: u32| (code as f32 / 255.0).powi(2).to_bits();
+    let texels = (0..red.len()).map(|i| [red[i], green[i], blue[i]]);
+    let texels = match format {
+        color_format::NONE => return None,
+        color_format::SRGB8 => {
+            (0..256).map(linear).chain(texels.map(|[r, g, b]| r | g << 8 | b << 16)).collect()
+        }
+        _ => texels.flat_map(|texel| texel.map(linear)).collect(),
+    };
+    Some(ColorMap { width: MAP.0, height: MAP.1, format, texels })
+}
+
+#[test]
+fn color_formats_and_wraps_are_alike() {
+    let mut backend = lavapipe();
+    let (scene, settings) = overhanging_quilt();
+    let mut pictures = Vec::new();
+    for format in [color_format::SRGB8, color_format::FLOAT32, color_format::NONE] {
+        for wrap in if format == color_format::NONE { &WRAPS[..1] } else { &WRAPS } {
+            let scene = Scene { color_map: colors(format), ..scene.clone() };
+            let settings = Settings { wrap: *wrap, method: Method::None, shadows: false, ..settings.clone() };
+            pictures.push(assert_alike(
+                &mut backend,
+                &job(scene, &settings),
+                &format!("format {format}, {wrap:?}"),
+            ));
+        }
+    }
+    let same = |a: usize, b: usize| Comparison::new(&pictures[a], &pictures[b], VISIBLE).strays() < 20;
+    assert!(same(0, 3) && same(1, 4) && same(2, 5), "formats differ");
+    assert!(!same(0, 1) && !same(1, 2) && !same(2, 0) && !same(0, 6), "wraps or colours do not show");
+    finish(backend);
+}
+
+/// What spoils the pixels of a picture.
+type Fault<'a> = &'a dyn Fn(&mut Vec<Vec4>);
+
+/// The comparison sees on a real picture what it is there to see.
+#[test]
+fn faults_in_a_picture_are_seen() {
+    let (scene, settings) = builtin_scene("builtin:cube", 8, WIDTH, HEIGHT);
+    let job = job(scene, &settings);
+    let picture = rendered(&mut CpuBackend::new(), &job, SAMPLES);
+    let middle = (HEIGHT / 2 * WIDTH + WIDTH / 2) as usize;
+    let faulty = |fault: Fault<'_>| {
+        let mut picture = picture.clone();
+        fault(&mut picture.pixels);
+        against_cpu(&job, SAMPLES, &picture)
+    };
+    assert!(faulty(&|_| {}).is_same());
+    let swapped = picture.pixels.iter().position(|pixel| (*pixel - picture.pixels[middle]).x.abs() > 0.01);
+    let faults: [(&str, Fault<'_>); 6] = [
+        ("a pixel a little darker", &|pixels| pixels[middle] *= Vec4::new(0.95, 0.95, 0.95, 1.0)),
+        ("a hole", &|pixels| pixels[middle] = Vec4::ZERO),
+        ("swapped pixels", &|pixels| pixels.swap(middle, swapped.unwrap())),
+        ("shifted right", &|pixels| pixels.rotate_right(1)),
+        ("shifted down", &|pixels| pixels.rotate_right(WIDTH as usize)),
+        ("alpha lost", &|pixels| pixels.iter_mut().for_each(|pixel| pixel.w = 1.0)),
+    ];
+    for (what, fault) in faults {
+        assert!(!faulty(fault).is_same(), "{what}");
+    }
+}
+
+/// Tiles are cut by the clock; pixels must not know. Each sample comes once in a first pass, which is cut into many
+/// tiles, and once after another, by when the pace is known. A sum of two floats has no order.
+#[test]
+fn picture_does_not_depend_on_tiles() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
+    let job = job(scene, &settings);
+    let mut film = |samples: [u32; 2]| {
+        backend.load(&job.buffers, &job.frame, job.features).unwrap();
+        let cuts = samples.map(|sample| {
+            let mut shares = Vec::new();
+            let flow = backend.add_sample(sample, &mut |share| {
+                shares.push(share);
+                ControlFlow::Continue(())
+            });
+            assert_eq!(flow.unwrap(), ControlFlow::Continue(()));
+            shares
+        });
+        (backend.film().unwrap(), cuts)
+    };
+    let ((forwards, [cut_0, cut_1]), (backwards, [other_cut_1, other_cut_0])) = (film([0, 1]), film([1, 0]));
+    assert!(cut_0 != other_cut_0 && cut_1 != other_cut_1, "the test cuts each sample in two ways");
+    assert!(forwards == backwards);
+    finish(backend);
+}
+
+#[test]
+fn seed_decides_the_bytes() {
+    let (scene, settings) = builtin_scene("builtin:cube", 8, WIDTH, HEIGHT);
+    let with_seed = |seed| job(scene.clone(), &Settings { seed, ..settings.clone() });
+    let mut vulkan = lavapipe();
+    let backends: [&mut dyn Backend; 2] = [&mut vulkan, &mut CpuBackend::new()];
+    for backend in backends {
+        let first = rendered(backend, &with_seed(1), SAMPLES);
+        let other = rendered(backend, &with_seed(2), SAMPLES);
+        assert!(!Comparison::new(&first, &other, VISIBLE).is_same());
+        assert_eq!(rendered(backend, &with_seed(1), SAMPLES), first);
+    }
+    finish(vulkan);
+}
+
+/// Rays from a sphere around the knot to points near it.
+fn rays_at(job: &Job, count: usize) -> Vec<Ray> {
+    let root = &job.buffers.nodes[0];
+    let (center, size) = ((root.min + root.max) * 0.5, (root.max - root.min) * 0.5);
+    let mut numbers = Numbers::new(11);
+    let ray = |_| {
+        let origin = center + numbers.direction() * size.length() * 1.5;
+        let direction = center + numbers.in_cube() * size - origin;
+        Ray { origin, t_max: f32::INFINITY, direction, padding: 0 }
+    };
+    (0..count).map(ray).collect()
+}
+
+/// Bound on the difference of two computed distances to the micro-triangle of `hit`, in units of distance: each is off
+/// by gamma(12) of the greatest depth (`triangle::intersect`), and by the error of the micro-vertices, 24 u of their
+/// coordinates (`BaseTriangle::bounds`), over the cosine at which the ray meets the plane.
+fn distance_bound(ray: &Ray, hit: &Intersection) -> f32 {
+    let unit = ray.direction.normalize();
+    let depth = 1.1 * hit.t * ray.direction.length();
+    let vertices = 24.0 * UNIT_ROUNDOFF * 1.1 * max_abs(hit.point);
+    2.0 * (gamma(12) * depth + vertices * 3f32.sqrt()) / unit.dot(hit.normal).abs()
+}
+
+/// Whether two backends' answers to a ray agree: both miss, or both are equally far.
+fn agree(ray: &Ray, a: &Intersection, b: &Intersection) -> bool {
+    if a.primitive == MISS || b.primitive == MISS {
+        return a.primitive == b.primitive;
+    }
+    let bound = distance_bound(ray, a).max(distance_bound(ray, b));
+    (a.t - b.t).abs() * ray.direction.length() <= bound
+}
+
+/// Of 100,000 rays all must agree, but for those that pass an edge within rounding: they must agree with what the CPU
+/// finds on a ray turned by 2^-17 to some side (as in [`against_cpu`]).
+#[test]
+fn rays_meet_the_knot_alike() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
+    let job = job(scene, &settings);
+    let rays = rays_at(&job, 100_000);
+    let mut cpu = CpuBackend::new();
+    cpu.load(&job.buffers, &job.frame, job.features).unwrap();
+    backend.load(&job.buffers, &job.frame, job.features).unwrap();
+    let (on_device, on_cpu) = (backend.trace_rays(&rays).unwrap(), cpu.trace_rays(&rays).unwrap());
+
+    let hits = on_cpu.iter().filter(|hit| hit.primitive != MISS).count();
+    assert!((20_000..80_000).contains(&hits), "{hits} hits");
+    let (mut other_cell, mut flips) = (0, 0);
+    for ((ray, device), cpu_hit) in rays.iter().zip(&on_device).zip(&on_cpu) {
+        other_cell += usize::from((device.primitive, device.cell) != (cpu_hit.primitive, cpu_hit.cell));
+        if !agree(ray, device, cpu_hit) {
+            let turned = cpu.trace_rays(&turned(ray)).unwrap();
+            let excused = turned.iter().any(|other| agree(ray, device, other));
+            assert!(excused, "{ray:?}: {device:?} on the device, {cpu_hit:?} on the CPU");
+            flips += 1;
+        }
+    }
+    // An edge lies within 2^-17 of a ray's length from it with a probability of about two lengths of micro-edge per
+    // area of micro-triangle, some 200 here, times that: below 2^-9.
+    assert!(other_cell * 512 <= rays.len(), "{other_cell} rays meet another cell");
+    assert!(flips * 512 <= rays.len(), "{flips} rays are off");
+    finish(backend);
+}
+
+/// The ray turned by 2^-17 to eight sides.
+fn turned(ray: &Ray) -> [Ray; 8] {
+    let (x, y) = ray.direction.normalize().any_orthonormal_pair();
+    let length = ray.direction.length() / 131_072.0;
+    std::array::from_fn(|i| {
+        let (sin, cos) = (i as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+        Ray { direction: ray.direction + (x * cos + y * sin) * length, ..*ray }
+    })
+}
+
+/// The point of a hit is where its distance says.
+#[test]
+fn points_lie_on_their_rays() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
+    let job = job(scene, &settings);
+    let rays = rays_at(&job, 10_000);
+    backend.load(&job.buffers, &job.frame, job.features).unwrap();
+    for (ray, hit) in rays.iter().zip(backend.trace_rays(&rays).unwrap()) {
+        if hit.primitive == MISS {
+            continue;
+        }
+        let along = ray.origin + ray.direction * hit.t;
+        let off_plane = (hit.point - along).dot(hit.normal).abs();
+        let depth = hit.t * ray.direction.length();
+        let bound = hit.point_error.dot(hit.normal.abs()) + gamma(16) * (depth + sum(hit.point.abs()));
+        assert!(off_plane <= bound, "{ray:?} {hit:?}: {off_plane} {bound}");
+    }
+    finish(backend);
+}
+
+fn sum(v: Vec3) -> f32 {
+    v.x + v.y + v.z
+}
