@@ -10,7 +10,7 @@ const PICTURES: &[(&str, &[&str])] = &[
 ];
 
 /// What they have in common. The CPU gives the same picture on every machine.
-const COMMON: &[&str] = &["--samples", "64", "--backend", "cpu"];
+const COMMON: &[&str] = &["--samples", "16", "--backend", "cpu"];
 
 /// Renders them all.
 pub(crate) fn render() -> Result<()> {
