@@ -39,7 +39,7 @@ impl PatchHit {
 }
 
 impl BilinearPatch {
-    /// Both meetings of the line `origin + t direction` with the patch, for u in [0,1] and every v and t: callers
+    /// Both meetings of the line `origin + t direction` with the patch, for u in [0, 1] and every v and t: callers
     /// ask for the part of the ruled surface that they need.
     ///
     /// Reshetov, "Cool Patches: A Geometric Approach to Ray/Bilinear Patch Intersections", *Ray Tracing Gems*
@@ -71,7 +71,7 @@ impl BilinearPatch {
         )
     }
 
-    /// Where the line meets the straight line u = const; no hit where u is outside [0,1] (or NaN: a quadratic that
+    /// Where the line meets the straight line u = const; no hit where u is outside [0, 1] (or NaN: a quadratic that
     /// has no such root).
     #[inline]
     fn on_ruling(&self, u: f32, direction: Vec3, q00: Vec3, q10: Vec3, e00: Vec3, e11: Vec3) -> PatchHit {

@@ -81,7 +81,7 @@ pub mod method {
 pub mod shade {
     /// Lambert and ambient light, times the colour map.
     pub const LIT: u32 = 0;
-    /// The geometric normal, [-1,1] mapped to [0,1].
+    /// The geometric normal, [-1, 1] mapped to [0, 1].
     pub const NORMAL: u32 = 1;
     /// The height, its range mapped to black-white.
     pub const HEIGHT: u32 = 2;
@@ -219,7 +219,7 @@ pub struct PointLight {
     pub padding: u32,
 }
 
-/// A pinhole camera: the ray through film coordinates (x, y) in [0,1]², y down, has the direction
+/// A pinhole camera: the ray through film coordinates (x, y) in [0, 1]², y down, has the direction
 /// `forward + (2x-1) right + (1-2y) up`, normalised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]

@@ -32,7 +32,7 @@ pub(crate) const FLAT: Features = Features {
 };
 
 impl TestScene {
-    /// Level squares [-1,1]² facing +z, one at each of the given heights, under a map of one texel 0.
+    /// Level squares [-1, 1]² facing +z, one at each of the given heights, under a map of one texel 0.
     pub(crate) fn squares(heights: &[f32]) -> Self {
         let mut scene = TestScene { height_texels: vec![0], ..TestScene::default() };
         for &z in heights {

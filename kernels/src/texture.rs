@@ -15,7 +15,7 @@ struct Footprint {
     fy: f32,
 }
 
-/// A texture coordinate brought into [0,1]: repeat keeps the fraction, mirror folds, clamp clamps.
+/// A texture coordinate brought into [0, 1]: repeat keeps the fraction, mirror folds, clamp clamps.
 #[inline]
 fn reduce(x: f32, mode: u32) -> f32 {
     if mode == wrap::REPEAT {
@@ -55,7 +55,7 @@ fn footprint(uv: Vec2, width: u32, height: u32, mode: u32) -> Footprint {
     Footprint { texels: [y0 + x0, y0 + x1, y1 + x0, y1 + x1], fx: x - left, fy: y - top }
 }
 
-/// From `a` to `b` by `s` in [0,1]; leaves [a,b] by at most an ulp of the larger.
+/// From `a` to `b` by `s` in [0, 1]; leaves [a,b] by at most an ulp of the larger.
 #[inline]
 fn lerp(s: f32, a: f32, b: f32) -> f32 {
     fma(s, b - a, a)

@@ -196,7 +196,7 @@ fn quantized16(pixel: Vec4) -> [u16; 4] {
     encoded(pixel).map(|channel| (channel * 65535.0 + 0.5) as u16)
 }
 
-/// The sRGB transfer function (IEC 61966-2-1) on [0,1]; what is outside is clamped.
+/// The sRGB transfer function (IEC 61966-2-1) on `[0, 1]`; what is outside is clamped.
 pub fn srgb_from_linear(linear: f32) -> f32 {
     let linear = linear.clamp(0.0, 1.0);
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }

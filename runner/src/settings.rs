@@ -43,7 +43,7 @@ impl Method {
 pub enum Shade {
     /// Lambert and ambient light, times the colour map
     Lit,
-    /// The geometric normal, [-1,1] mapped to [0,1]
+    /// The geometric normal, from -1 to 1 mapped to black to white
     Normal,
     /// The height, its range mapped to black-white
     Height,

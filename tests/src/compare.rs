@@ -148,8 +148,8 @@ fn difference(picture: &Picture, reference: &Picture, index: usize) -> f32 {
     channels.into_iter().fold(0.0, |greatest, d| if d > greatest || d.is_nan() { d } else { greatest })
 }
 
-/// Compares `picture` with what the CPU makes of the same job. Pixels that differ by more than [`rounding`] must
-/// agree with the CPU's picture through a camera turned by [`TURN`] in one of eight directions.
+/// Compares `picture` with what the CPU makes of the same job. Pixels that differ by more than `rounding` must
+/// agree with the CPU's picture through a camera turned by `TURN` in one of eight directions.
 pub fn against_cpu(job: &Job, samples: u32, picture: &Picture) -> Comparison {
     let mut comparison =
         Comparison::new(picture, &rendered(&mut CpuBackend::new(), job, samples), rounding(job));

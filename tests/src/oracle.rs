@@ -8,7 +8,7 @@
 //!
 //! # When f32 may differ
 //! To first order in the unit roundoff u, every f32 result is exact for micro-vertices that are moved a little:
-//! - by the error of the micro-vertex itself ([`Piece::error`](tessellation::Piece)), in any direction;
+//! - by the error of the micro-vertex itself (`Piece::error`), in any direction;
 //! - across the ray by the ray/triangle test: the difference to the origin is off by 1 u, the shear by 5 u (two
 //!   components of the direction by 2 u each, their quotient), its product and sum by 2 u. With D the greatest
 //!   coordinate difference to the origin that is 9 u D in each of two coordinates, less than 13 u D together. The

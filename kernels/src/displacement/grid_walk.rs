@@ -11,14 +11,14 @@
 //! # Where it is exact
 //! A ray that hits the micro-triangle over a cell with barycentrics b_i satisfies
 //!   sum_i b_i f_i = sum_{i<j} b_i b_j [ -det(v, n_j - n_i, p_j - p_i) + (g_j - g_i) det(v, n_i, n_j) ],
-//! so that some flag of the cell is above -e and some below e, where e is a third of the greatest bracket ([`Conic`]
+//! so that some flag of the cell is above -e and some below e, where e is a third of the greatest bracket (`Conic`
 //! bounds it) plus rounding. Cells that satisfy this are *candidates*. Where normals are parallel the bracket is
 //! zero, and the walk, which visits every cell with mixed signs, finds every hit. Where they are not, the path can
 //! cross a grid line twice between two equal signs, and a micro-triangle can lean out of its cell's column. The walk
 //! sees that coming: such a thing happens across an edge only where a flag at its ends is within a quarter of the
 //! edge's bracket of zero, across a vertex only where its flag is within a third. Then, and where signs are within
 //! rounding of zero (a ray through a micro-vertex, along a grid line, along the normal), and where the steps' cap is
-//! met, it gives up and [`scan`](Conic::scan)s every candidate of the prism row by row. Scans and cap hits are
+//! met, it gives up and scans every candidate of the prism row by row. Scans and cap hits are
 //! counted. One assumption is not proven: that lifts beyond a cell's vertices differ by at most twice what they do in
 //! it. Tests against brute force bound what it costs.
 //!

@@ -1,7 +1,7 @@
 //! Wavefront OBJ models and the maps that their materials name.
 //!
 //! tobj reads the numbers and triangulates the polygons. It names no line in its errors, takes polylines for faces
-//! and fills gaps in the normals with whatever came before, so [`survey`] checks the text first and hands it over
+//! and fills gaps in the normals with whatever came before, so `survey` checks the text first and hands it over
 //! reduced to what a mesh needs.
 
 mod material;
