@@ -13,7 +13,7 @@ mod first_pass;
 mod plan;
 
 use first_pass::FirstPass;
-use plan::{Bound, Plan, Stretch};
+use plan::{Plan, Stretch};
 
 /// What a submission should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
@@ -45,12 +45,7 @@ enum Pace {
 impl Pacer {
     /// A pacer that knows nothing.
     pub(super) fn new() -> Self {
-        Pacer {
-            total: 0,
-            profile: Vec::new(),
-            measured: Vec::new(),
-            pace: Pace::Unknown(FirstPass::new(0)),
-        }
+        Pacer { total: 0, profile: Vec::new(), measured: Vec::new(), pace: Pace::Unknown(FirstPass::new(0)) }
     }
 
     /// Begins a pass over `total` items. It is planned where a complete pass over as many was measured last; a pass
