@@ -9,8 +9,8 @@ const FIRST_ITEMS: u32 = 4096;
 /// One long submission does not push the size below this: it may be a tail, or the first one of all, which pays for
 /// what drivers put off until then (code generation, clocks). If so few items again take too long, they are dear.
 const CAUTIOUS_ITEMS: u32 = 2048;
-/// No submission gets more than this part of the work: cheap background may be followed by a surface of a hundred
-/// times its cost.
+/// No submission gets more than this part of the work (or the cautious size, where the part is smaller): cheap
+/// background may be followed by a surface of a hundred times its cost.
 const PARTS: u32 = 32;
 /// Largest growth from one submission to the next.
 const MOST_GROWTH: f64 = 2.0;
