@@ -18,8 +18,11 @@ use plan::{Plan, Stretch};
 /// What a submission should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
 /// Share of a whole's time from which on a part of it is said to be bound by its tail: half the items of even work
-/// take half the time, those with the slowest item all of it. Halfway between, less something for overhead.
+/// take half the time, those with the slowest item all of it.
 const TAIL_SHARE: f64 = 0.7;
+/// The part of a whole that proves a tail of any length: other pixels can be dearer, but seldom as much dearer as a
+/// quarter must be that takes [`TAIL_SHARE`] of the whole.
+const TELLING_PART: f64 = 0.25;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
 

@@ -1,7 +1,7 @@
 //! Pacing over work that nothing is known of.
 
 use super::plan::Bound;
-use super::{FEWEST_ITEMS, TAIL_SHARE, TARGET_MS};
+use super::{FEWEST_ITEMS, TAIL_SHARE, TARGET_MS, TELLING_PART};
 
 /// Items of the first submission: even at 10 µs each, what a brute-force search over a thousand micro-triangles
 /// takes on a slow device, it stays under 50 ms.
@@ -14,8 +14,8 @@ const CAUTIOUS_ITEMS: u32 = 2048;
 const PARTS: u32 = 32;
 /// Largest growth from one submission to the next.
 const MOST_GROWTH: f64 = 2.0;
-/// A submission of at most this share of the items before it tells tails from work.
-const TELLING_SHARE: f64 = 0.75;
+/// A submission that takes this many times what a larger one took is over dearer items: tails do not grow.
+const DEARER: f64 = 1.2;
 
 /// Adapts the size of submissions to the last one: growing from a small start, shrinking where it took too long,
 /// but not for the sake of tails, which shrinking does not shorten.
@@ -25,8 +25,8 @@ pub(super) struct FirstPass {
     items: f64,
     /// Upper limit of `items`.
     ceiling: f64,
-    /// Items and milliseconds of the last submission.
-    last: (f64, f64),
+    /// Items and milliseconds of the submission that took too long and since which sizes shrink, if they do.
+    too_long: Option<(f64, f64)>,
     /// The longest tail seen in milliseconds: what submissions may take without being too large.
     tail_ms: f64,
 }
@@ -35,7 +35,7 @@ impl FirstPass {
     /// The pace at the start of `total` items.
     pub(super) fn new(total: u32) -> Self {
         let ceiling = f64::from((total / PARTS).max(CAUTIOUS_ITEMS));
-        FirstPass { items: f64::from(FIRST_ITEMS).min(ceiling), ceiling, last: (0.0, 0.0), tail_ms: 0.0 }
+        FirstPass { items: f64::from(FIRST_ITEMS).min(ceiling), ceiling, too_long: None, tail_ms: 0.0 }
     }
 
     /// How many items the next submission should get.
@@ -55,30 +55,31 @@ impl FirstPass {
         if ms < TARGET_MS && items < self.items * 0.5 {
             return Bound::Unknown;
         }
-        let shrunk_in_vain = self.shrunk_in_vain(items, ms);
-        if shrunk_in_vain {
+        if ms <= TARGET_MS {
+            self.items = self.grown(items, ms).min(self.ceiling);
+            self.too_long = None;
+            return Bound::Unknown;
+        }
+        if let Some(larger) = self.shrunk_in_vain(items, ms) {
             self.tail_ms = self.tail_ms.max(ms);
+            self.items = larger.min(items * MOST_GROWTH);
+            self.too_long = None;
         }
-        let too_long = ms > TARGET_MS;
-        let tail = too_long && ms <= self.tail_ms / TAIL_SHARE;
-        self.items = if shrunk_in_vain {
-            self.last.0.min(items * MOST_GROWTH)
-        } else if tail {
-            self.items
-        } else if too_long {
-            shrunk(items, ms)
-        } else {
-            self.grown(items, ms)
+        if ms <= self.tail_ms / TAIL_SHARE {
+            return Bound::Tail { proven_ms: ms };
         }
-        .min(self.ceiling);
-        self.last = (items, ms);
-        if tail { Bound::Tail { proven_ms: ms } } else { Bound::Unknown }
+        if self.too_long.is_none_or(|(_, before_ms)| ms > before_ms * DEARER) {
+            self.too_long = Some((items, ms));
+        }
+        self.items = shrunk(items, ms);
+        Bound::Unknown
     }
 
-    /// Whether fewer items than last time, when they took too long, hardly took less.
-    fn shrunk_in_vain(&self, items: f64, ms: f64) -> bool {
-        let (last_items, last_ms) = self.last;
-        last_ms > TARGET_MS && items <= TELLING_SHARE * last_items && ms >= TAIL_SHARE * last_ms
+    /// The size since which shrinking has hardly shortened submissions, if it has shrunk enough to tell.
+    fn shrunk_in_vain(&self, items: f64, ms: f64) -> Option<f64> {
+        let (larger, before_ms) = self.too_long?;
+        let in_vain = ms >= TAIL_SHARE * before_ms && ms <= DEARER * before_ms;
+        (in_vain && items <= TELLING_PART * larger).then_some(larger)
     }
 
     /// The next size after a submission that was not too long. A clock too coarse to see it gives 0 ms: then the
@@ -131,17 +132,27 @@ mod tests {
 
     #[test]
     fn shrinking_in_vain_is_undone() {
-        let mut pass = FirstPass::new(32 * 15_000);
-        (pass.items, pass.last) = (15_000.0, (15_000.0, 1.0));
-        assert_eq!(pass.record(15_000, 30.0), Bound::Unknown);
-        assert_eq!(pass.items(), 10_000);
-        assert_eq!(pass.record(10_000, 30.0), Bound::Tail { proven_ms: 30.0 });
-        assert_eq!(pass.items(), 15_000);
+        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000) };
+        assert_eq!(pass.record(15_000, 100.0), Bound::Unknown);
+        assert_eq!(pass.items(), 3000);
+        assert_eq!(pass.record(3000, 95.0), Bound::Tail { proven_ms: 95.0 });
+        assert_eq!(pass.items(), 6000);
         // The tail is known now, and not taken for dear work; what takes longer is.
-        assert_eq!(pass.record(15_000, 32.0), Bound::Tail { proven_ms: 32.0 });
-        assert_eq!(pass.items(), 15_000);
-        assert_eq!(pass.record(15_000, 60.0), Bound::Unknown);
-        assert_eq!(pass.items(), 5000);
+        assert_eq!(pass.record(6000, 100.0), Bound::Tail { proven_ms: 100.0 });
+        assert_eq!(pass.items(), 6000);
+        assert_eq!(pass.record(6000, 200.0), Bound::Unknown);
+        assert_eq!(pass.items(), CAUTIOUS_ITEMS);
+    }
+
+    #[test]
+    fn items_that_become_dearer_are_no_tail() {
+        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000) };
+        assert_eq!(pass.record(15_000, 70.0), Bound::Unknown);
+        // Dearer by more than a tail of 70 ms explains, and dearer by little while hardly fewer.
+        assert_eq!(pass.record(3000, 100.0), Bound::Unknown);
+        assert_eq!(pass.items(), CAUTIOUS_ITEMS);
+        assert_eq!(pass.record(2048, 100.0), Bound::Unknown);
+        assert_eq!(pass.items(), 409);
     }
 
     #[test]

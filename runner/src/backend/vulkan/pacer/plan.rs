@@ -1,6 +1,6 @@
 //! Pacing by what the last pass took, stretch by stretch.
 
-use super::{FEWEST_ITEMS, TAIL_SHARE, TARGET_MS};
+use super::{FEWEST_ITEMS, TAIL_SHARE, TARGET_MS, TELLING_PART};
 use std::collections::VecDeque;
 
 /// What a submission may be expected to take while it is not known whether its time is work or tail: a fifth less
@@ -140,7 +140,8 @@ impl Plan {
             match whole.bound {
                 Bound::Tail { .. } => 1.0,
                 // Few parts, for it may be a tail: cutting a 200 ms one costs 1 ms of overhead, once.
-                Bound::Unknown => (ms / TRIAL_MS).ceil().max(2.0),
+                Bound::Unknown if ms <= TRIAL_MS => 2.0,
+                Bound::Unknown => (ms / TRIAL_MS).ceil().max(1.0 / TELLING_PART),
                 Bound::Work => (ms / TARGET_MS).ceil(),
             }
         };
@@ -265,9 +266,24 @@ impl Expected {
         if longest < shortest * TELLING_FACTOR {
             return self.bound.confirmed(ms);
         }
-        // From the work's expectation towards the tail's: above TAIL_SHARE of a whole for a half of it.
-        let towards_tail = (ms - self.work_ms) / (self.tail_ms - self.work_ms);
-        if towards_tail >= 2.0 * TAIL_SHARE - 1.0 { Bound::Tail { proven_ms: ms } } else { Bound::Work }
+        if self.work_ms < self.tail_ms { self.judge_part(ms) } else { self.judge_joined(ms) }
+    }
+
+    /// What bounds a part of a stretch. A long time is called a tail only on good evidence: such stretches are not
+    /// cut.
+    fn judge_part(&self, ms: f64) -> Bound {
+        if ms < TAIL_SHARE * self.tail_ms {
+            Bound::Work
+        } else if ms <= TRIAL_MS || self.work_ms <= TELLING_PART * self.tail_ms * TELLING_FACTOR {
+            Bound::Tail { proven_ms: ms }
+        } else {
+            Bound::Unknown
+        }
+    }
+
+    /// What bounds stretches that were joined: whether the time is nearer to their longest or to their sum.
+    fn judge_joined(&self, ms: f64) -> Bound {
+        if ms - self.tail_ms < self.work_ms - ms { Bound::Tail { proven_ms: ms } } else { Bound::Work }
     }
 }
 

@@ -131,7 +131,9 @@ fn slow_rays_everywhere_end_up_side_by_side() {
             tail_ms: |i| if i % 5000 == 2500 { slowest_ms } else { 0.0 },
         };
         let first = device.film_pass(&mut pacer, 800, 600);
-        assert!(first.submissions <= 80, "{slowest_ms} ms, first: {first:?}");
+        // Smaller submissions than the 5000 pixels from one slow ray to the next look cheap every other time, so that
+        // nothing is proven before the second pass; but no crumbs: 1500 pixels on average at least.
+        assert!(first.submissions <= 480_000 / 1500, "{slowest_ms} ms, first: {first:?}");
         for _ in 0..9 {
             device.film_pass(&mut pacer, 800, 600);
         }
