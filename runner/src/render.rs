@@ -58,6 +58,8 @@ pub struct Rendering {
     pub totals: Totals,
     /// The time from the first sample to the last.
     pub elapsed: Duration,
+    /// The part of it that the device was at work, in milliseconds; `None` on the CPU.
+    pub device_ms: Option<f64>,
     /// Whether it was stopped before the last sample was complete.
     pub interrupted: bool,
 }
@@ -160,7 +162,8 @@ pub fn render(
     }
     let elapsed = start.elapsed();
     let picture = Picture { width: job.frame.width, height: job.frame.height, pixels: backend.resolve()? };
-    Ok(Rendering { picture, totals: backend.totals()?, elapsed, interrupted: flow.is_break() })
+    let (totals, device_ms) = (backend.totals()?, backend.device_ms());
+    Ok(Rendering { picture, totals, elapsed, device_ms, interrupted: flow.is_break() })
 }
 
 /// The relief as the kernels read it; flat where the method does not displace.

@@ -19,6 +19,8 @@ pub struct Stats {
     pub bvh_build_ms: f64,
     /// Time for all samples, without loading and without storing the picture.
     pub frame_ms: f64,
+    /// The part of it that the device was at work on samples; null on the CPU backend.
+    pub device_ms: Option<f64>,
     /// Primary and shadow rays.
     pub rays: u64,
     /// Rays divided by the frame's time.
@@ -142,6 +144,7 @@ impl Stats {
             micro_triangles: triangles * u64::from(settings.subdivisions).pow(2),
             bvh_build_ms: milliseconds(job.bvh_build),
             frame_ms: milliseconds(rendering.elapsed),
+            device_ms: rendering.device_ms,
             rays,
             rays_per_second: ratio(rays as f64, rendering.elapsed.as_secs_f64()),
             pixels_hit: ratio(work.hits as f64 * pixels as f64, work.primary_rays as f64),

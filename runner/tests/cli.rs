@@ -203,6 +203,7 @@ fn statistics_have_every_number() {
         number(&format!("/work/{present}"));
     }
     assert_eq!(stats["backend"], "cpu");
+    assert_eq!(stats.get("device_ms"), Some(&Value::Null), "there, and null on the CPU");
     assert!(stats["device"].is_string());
     let settings = &stats["settings"];
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));

@@ -9,6 +9,7 @@ use emboss_kernels::scene::Features;
 use emboss_tests::{finish, lavapipe};
 use glam::{UVec4, Vec3, Vec4};
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 /// Index of the primary rays in the totals.
 const PRIMARY_RAYS: usize = counter::PRIMARY_RAYS as usize;
@@ -65,7 +66,7 @@ fn every_pixel_gets_each_sample_once() {
 #[test]
 fn first_pass_is_cut_into_tiles() {
     let mut backend = lavapipe();
-    backend.load(&SceneBuffers::default(), &frame(257, 129), counting()).unwrap();
+    backend.load(&SceneBuffers::default(), &frame(600, 500), counting()).unwrap();
     let mut shares = Vec::new();
     let flow = backend.add_sample(0, &mut |share| {
         shares.push(share);
@@ -74,6 +75,26 @@ fn first_pass_is_cut_into_tiles() {
     assert_eq!(flow.unwrap(), ControlFlow::Continue(()));
     assert!(shares.len() >= 32, "{shares:?}");
     assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
+    finish(backend);
+}
+
+#[test]
+fn device_time_is_that_of_the_samples_since_load() {
+    let mut backend = lavapipe();
+    backend.load(&SceneBuffers::default(), &frame(600, 500), counting()).unwrap();
+    assert_eq!(backend.device_ms(), Some(0.0));
+    let start = Instant::now();
+    add_sample(&mut backend, 0);
+    let first_ms = backend.device_ms().unwrap();
+    add_sample(&mut backend, 1);
+    let both_ms = backend.device_ms().unwrap();
+    let elapsed_ms = start.elapsed().as_secs_f64() * 1e3;
+    assert!(0.0 < first_ms && first_ms < both_ms, "{first_ms} {both_ms}");
+    assert!(both_ms < elapsed_ms, "{both_ms} of {elapsed_ms}");
+    backend.resolve().unwrap();
+    assert_eq!(backend.device_ms(), Some(both_ms), "resolving is not part of the samples");
+    backend.load(&SceneBuffers::default(), &frame(8, 8), counting()).unwrap();
+    assert_eq!(backend.device_ms(), Some(0.0));
     finish(backend);
 }
 

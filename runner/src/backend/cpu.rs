@@ -110,6 +110,10 @@ impl Backend for CpuBackend {
         Ok(self.totals)
     }
 
+    fn device_ms(&mut self) -> Option<f64> {
+        None
+    }
+
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
         let mut hits = reserved("intersections", rays.len())?;
         let (scene, features) = (view(&self.scene, &self.frame), self.features);

@@ -142,6 +142,10 @@ pub trait Backend {
     /// The work counters since `load`.
     fn totals(&mut self) -> Result<Totals, BackendError>;
 
+    /// What the device took for the samples since `load`, in milliseconds, without the host's time between
+    /// submissions: by its own clock, or by the host's where it has none. `None` on the CPU.
+    fn device_ms(&mut self) -> Option<f64>;
+
     /// The nearest hit of each ray.
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError>;
 

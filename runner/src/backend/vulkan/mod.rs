@@ -79,6 +79,8 @@ pub struct VulkanBackend {
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
+    /// What the samples took since `load`.
+    samples_ms: f64,
 }
 
 impl VulkanBackend {
@@ -96,7 +98,8 @@ impl VulkanBackend {
         let commands = Commands::new(&device)?;
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
-        Ok(VulkanBackend { resident, programs: Programs::default(), transfers, commands, device })
+        let programs = Programs::default();
+        Ok(VulkanBackend { resident, programs, transfers, commands, device, samples_ms: 0.0 })
     }
 
     /// What the validation layers have said so far; empty where validation is off.
@@ -150,6 +153,7 @@ impl Backend for VulkanBackend {
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
         // The old scene goes first, to make room. After an error the backend holds an empty one.
         self.resident = empty(&self.device, &self.commands, &mut self.transfers)?;
+        self.samples_ms = 0.0;
         self.programs.set_features(features);
         self.resident = Resident::new(&self.device, &self.commands, &mut self.transfers, scene, frame)?;
         // Compiled here so that their time is not part of the first sample's.
@@ -168,7 +172,9 @@ impl Backend for VulkanBackend {
         let size = [self.resident.width(), self.resident.height()];
         let program = self.programs.get(&self.device, Kernel::Render)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
-        program.run_tiles(&self.commands, size, sample, progress)
+        let pass = program.run_tiles(&self.commands, size, sample, progress)?;
+        self.samples_ms += pass.device_ms;
+        Ok(pass.flow)
     }
 
     fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
@@ -176,7 +182,7 @@ impl Backend for VulkanBackend {
         let program = self.programs.get(&self.device, Kernel::Resolve)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
         // Nothing asks to end it early.
-        let _ = program.run_tiles(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
+        program.run_tiles(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
         let count = self.resident.pixels() as usize;
         self.transfers.read(&self.commands, self.resident.buffer(binding::PICTURE), count)
     }
@@ -185,6 +191,10 @@ impl Backend for VulkanBackend {
         let counters: Vec<Counter> =
             self.transfers.read(&self.commands, self.resident.buffer(binding::COUNTERS), counter::COUNT)?;
         Ok(std::array::from_fn(|i| counters[i].value()))
+    }
+
+    fn device_ms(&mut self) -> Option<f64> {
+        Some(self.samples_ms)
     }
 
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {

@@ -1,184 +1,90 @@
 //! How much work one submission gets.
 //!
 //! Drivers kill submissions that run too long (two seconds on Windows, ten on Linux), and a long one keeps the
-//! desktop from drawing. None should take more than 50 ms: the pacer aims at 20, so that a tile may be two and a
-//! half times as dear as the measured ones before it.
+//! desktop from drawing. None should take more than 50 ms where cutting can achieve it: the pacer aims at 20, so
+//! that a submission may be two and a half times as dear as expected.
+//!
+//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are
+//! beside it: such a *tail* is no reason to cut, and an item of more than 50 ms takes what it takes. Hence cost is
+//! never modelled as time per item alone. The first pass over unknown work feels its way ([`FirstPass`]); each
+//! later one is planned stretch by stretch from what the one before it took ([`Plan`]).
 
-/// What a submission should take, in milliseconds. Overhead is some 0.05 ms each: 0.3 %.
+mod first_pass;
+mod plan;
+
+use first_pass::FirstPass;
+use plan::{Plan, Stretch};
+
+/// What a submission should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
-/// Items (pixels, rays) of the first submission: even at 10 µs each, what a brute-force search over a thousand
-/// micro-triangles takes on a slow device, it stays under 50 ms.
-const FIRST_ITEMS: u32 = 4096;
+/// Share of a whole's time from which on a part of it is said to be bound by its tail: half the items of even work
+/// take half the time, those with the slowest item all of it.
+const TAIL_SHARE: f64 = 0.7;
+/// The part of a whole that proves a tail of any length: other pixels can be dearer, but seldom as much dearer as a
+/// quarter must be that takes [`TAIL_SHARE`] of the whole.
+const TELLING_PART: f64 = 0.25;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
-/// In the first pass over unknown work no submission gets more than this part of it: cheap background may be
-/// followed by a surface of a hundred times its cost.
-const FIRST_PASS_PARTS: u32 = 32;
-/// Largest growth from one submission to the next.
-const MOST_GROWTH: f64 = 2.0;
-/// Largest shrinking: one stray measurement (a device that woke up) must not break the work into crumbs.
-const MOST_SHRINKING: f64 = 16.0;
 
-/// Adapts the number of items of a submission to what the last ones took.
+/// Decides how many items (pixels, rays) each submission of a pass gets, and learns from what they took.
 #[derive(Clone, Debug)]
 pub(super) struct Pacer {
-    /// How many items the next submission gets.
-    items: f64,
-    /// Upper limit of `items` in this pass.
-    ceiling: f64,
-    /// Milliseconds per item of this pass's dearest submission so far.
-    dearest_ms: f64,
-    /// False until the first submission, which pays for what drivers put off until then: code generation, clocks.
-    warm: bool,
+    /// Items of this pass.
+    total: u32,
+    /// What the last complete pass took, in sweep order. Empty before.
+    profile: Vec<Stretch>,
+    /// What this pass took so far.
+    measured: Vec<Stretch>,
+    pace: Pace,
+}
+
+/// Where the sizes of this pass come from.
+#[derive(Clone, Debug)]
+enum Pace {
+    Unknown(FirstPass),
+    Planned(Plan),
 }
 
 impl Pacer {
     /// A pacer that knows nothing.
     pub(super) fn new() -> Self {
-        Pacer { items: f64::from(FIRST_ITEMS), ceiling: 0.0, dearest_ms: 0.0, warm: false }
+        Pacer { total: 0, profile: Vec::new(), measured: Vec::new(), pace: Pace::Unknown(FirstPass::new(0)) }
     }
 
-    /// Begins a pass over `total` items. Where an earlier pass was measured, this one is expected to be no dearer
-    /// anywhere than the other was at its dearest.
+    /// Begins a pass over `total` items. It is planned where a complete pass over as many was measured last; a pass
+    /// that was broken off teaches nothing.
     pub(super) fn begin_pass(&mut self, total: u32) {
-        if self.dearest_ms > 0.0 {
-            self.ceiling = TARGET_MS / self.dearest_ms;
-            self.items = self.ceiling;
-        } else {
-            self.ceiling = f64::from(total / FIRST_PASS_PARTS);
+        let measured = std::mem::take(&mut self.measured);
+        if plan::items_of(&measured) == u64::from(self.total) {
+            self.profile = measured;
         }
-        self.ceiling = self.ceiling.max(f64::from(FEWEST_ITEMS));
-        self.items = self.items.min(self.ceiling);
-        self.dearest_ms = 0.0;
+        self.total = total;
+        self.pace = if total > 0 && plan::items_of(&self.profile) == u64::from(total) {
+            Pace::Planned(Plan::new(&self.profile))
+        } else {
+            Pace::Unknown(FirstPass::new(total))
+        };
     }
 
-    /// How many items the next submission should get, at least a workgroup's worth.
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped to the range of u32"
-    )]
+    /// The most items that the next submission should get, at least a workgroup's worth. It may get fewer, as
+    /// rounding to whole tiles demands.
     pub(super) fn items(&self) -> u32 {
-        self.items.clamp(f64::from(FEWEST_ITEMS), f64::from(u32::MAX)) as u32
+        let items = match &self.pace {
+            Pace::Unknown(first_pass) => first_pass.items(),
+            Pace::Planned(plan) => plan.next_items(),
+        };
+        items.max(FEWEST_ITEMS)
     }
 
     /// Takes note of what a submission of `items` items took.
     pub(super) fn record(&mut self, items: u32, ms: f64) {
-        let ms_per_item = ms / f64::from(items.max(1));
-        // A remainder at an edge is mostly overhead and says little of its items, unless it took long.
-        if ms < TARGET_MS && f64::from(items) < self.items * 0.5 {
-            return;
-        }
-        if self.warm {
-            self.dearest_ms = self.dearest_ms.max(ms_per_item);
-        }
-        self.warm = true;
-        // A clock too coarse to see the submission gives 0: then the growth is the largest.
-        let wanted = if ms_per_item > 0.0 { TARGET_MS / ms_per_item } else { f64::INFINITY };
-        let bounded = wanted.clamp(self.items / MOST_SHRINKING, self.items * MOST_GROWTH);
-        self.items = bounded.clamp(f64::from(FEWEST_ITEMS), self.ceiling);
+        let bound = match &mut self.pace {
+            Pace::Unknown(first_pass) => first_pass.record(items, ms),
+            Pace::Planned(plan) => plan.record(items, ms),
+        };
+        self.measured.push(Stretch { items, ms, bound });
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Lets a pass over `total` items run on a device where item i takes `cost_ms(i)`; returns the longest
-    /// submission in milliseconds and how many there were.
-    fn run_pass(pacer: &mut Pacer, total: u32, cost_ms: impl Fn(u32) -> f64) -> (f64, usize) {
-        pacer.begin_pass(total);
-        let (mut done, mut longest, mut submissions) = (0, 0.0_f64, 0);
-        while done < total {
-            let items = pacer.items().min(total - done);
-            let ms = 0.05 + (done..done + items).map(&cost_ms).sum::<f64>();
-            pacer.record(items, ms);
-            longest = longest.max(ms);
-            submissions += 1;
-            done += items;
-        }
-        (longest, submissions)
-    }
-
-    #[test]
-    fn even_work_ends_in_submissions_of_the_target() {
-        let mut pacer = Pacer::new();
-        // 2 million pixels of 0.1 µs: 200 ms, ten submissions of 20 ms.
-        let (longest, _) = run_pass(&mut pacer, 2_000_000, |_| 1e-4);
-        assert!(longest < TARGET_MS * 1.1, "{longest} ms in the first pass");
-        let (longest, submissions) = run_pass(&mut pacer, 2_000_000, |_| 1e-4);
-        assert!(longest < TARGET_MS * 1.1, "{longest} ms");
-        assert!((10..=12).contains(&submissions), "{submissions}");
-    }
-
-    #[test]
-    fn a_hundred_times_dearer_half_stays_under_50_ms() {
-        let mut pacer = Pacer::new();
-        let cost_ms = |i| if i < 1_000_000 { 5e-6 } else { 5e-4 };
-        for pass in 0..3 {
-            let (longest, _) = run_pass(&mut pacer, 2_000_000, cost_ms);
-            assert!(longest < 50.0, "pass {pass}: {longest} ms");
-        }
-    }
-
-    #[test]
-    fn dear_work_is_cut_to_the_target_in_the_first_pass() {
-        let mut pacer = Pacer::new();
-        // A slow device: 10 µs a pixel, so that the first 4096 take 41 ms.
-        pacer.begin_pass(1_000_000);
-        pacer.record(pacer.items(), f64::from(pacer.items()) * 1e-2);
-        assert_eq!(pacer.items(), 2000);
-    }
-
-    #[test]
-    fn fast_devices_soon_get_whole_pictures() {
-        let mut pacer = Pacer::new();
-        // A pass of 1 ms. The first one's small submissions are mostly overhead, which makes pixels look dear.
-        assert!(run_pass(&mut pacer, 2_000_000, |_| 5e-7).1 >= 32);
-        assert!(run_pass(&mut pacer, 2_000_000, |_| 5e-7).1 <= 2);
-        assert_eq!(run_pass(&mut pacer, 2_000_000, |_| 5e-7).1, 1);
-    }
-
-    #[test]
-    fn slow_first_submission_does_not_slow_the_second_pass() {
-        let mut pacer = Pacer::new();
-        pacer.begin_pass(1_000_000);
-        pacer.record(pacer.items(), 100.0);
-        for _ in 0..10 {
-            pacer.record(pacer.items(), f64::from(pacer.items()) * 1e-6);
-        }
-        pacer.begin_pass(1_000_000);
-        assert!(pacer.items() >= 1_000_000, "{}", pacer.items());
-    }
-
-    #[test]
-    fn growth_and_shrinking_are_bounded() {
-        let mut pacer = Pacer::new();
-        pacer.begin_pass(u32::MAX);
-        pacer.record(pacer.items(), 0.0);
-        assert_eq!(pacer.items(), 2 * FIRST_ITEMS);
-        pacer.record(pacer.items(), 1e9);
-        assert_eq!(pacer.items(), 2 * FIRST_ITEMS / 16);
-    }
-
-    #[test]
-    fn a_cheap_remainder_changes_nothing_but_a_dear_one_does() {
-        let mut pacer = Pacer::new();
-        pacer.begin_pass(u32::MAX);
-        pacer.record(10, 0.05);
-        assert_eq!(pacer.items(), FIRST_ITEMS);
-        pacer.record(10, 100.0);
-        assert!(pacer.items() < FIRST_ITEMS);
-    }
-
-    #[test]
-    fn a_submission_never_falls_below_a_workgroup() {
-        let mut pacer = Pacer::new();
-        pacer.begin_pass(1);
-        assert_eq!(pacer.items(), 64);
-        for _ in 0..10 {
-            pacer.record(pacer.items(), 1e9);
-        }
-        assert_eq!(pacer.items(), 64);
-    }
-}
+mod tests;

@@ -30,6 +30,14 @@ pub(super) struct Program {
     pacer: Pacer,
 }
 
+/// How a pass over a film went.
+pub(super) struct Pass {
+    /// `Break` where it was ended early.
+    pub(super) flow: ControlFlow<()>,
+    /// Sum of what its submissions took on the device, in milliseconds.
+    pub(super) device_ms: f64,
+}
+
 impl Programs {
     /// From now on pipelines are made for `features`. Those that hold other code are dropped, and the others forget
     /// what they measured, since the scene changes.
@@ -85,20 +93,22 @@ impl Program {
         [width, height]: [u32; 2],
         sample: u32,
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
-    ) -> Result<ControlFlow<()>, BackendError> {
+    ) -> Result<Pass, BackendError> {
         let mut tiles = Tiles::new(width, height);
+        let mut pass = Pass { flow: ControlFlow::Continue(()), device_ms: 0.0 };
         self.pacer.begin_pass(width.saturating_mul(height));
-        while let Some(tile) = tiles.next(self.pacer.items(), sample) {
+        while pass.flow.is_continue()
+            && let Some(tile) = tiles.next(self.pacer.items(), sample)
+        {
             let ms = commands.run(self.kernel.activity(), |recorder| {
                 recorder.dispatch(&self.pipeline, bytes_of(&tile), tiles::groups(tile));
             })?;
             self.pacer.record(tile.width * tile.height, ms);
             tracing::trace!("{tile:?}: {ms:.3} ms");
-            if progress(tiles.share_done()).is_break() {
-                return Ok(ControlFlow::Break(()));
-            }
+            pass.device_ms += ms;
+            pass.flow = progress(tiles.share_done());
         }
-        Ok(ControlFlow::Continue(()))
+        Ok(pass)
     }
 
     /// Runs over items 0 to `count`; `kernel` is which elementary kernel `probe` runs.

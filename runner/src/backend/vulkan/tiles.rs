@@ -33,7 +33,7 @@ impl Tiles {
         if self.y >= self.height {
             return None;
         }
-        let whole_rows = round_down(pixels / self.width);
+        let whole_rows = whole_groups(pixels / self.width, self.height - self.y);
         let fits = self.x == 0 && self.width <= MOST_EDGE && whole_rows > 0;
         Some(if fits { self.next_band(whole_rows, sample) } else { self.next_piece(pixels, sample) })
     }
@@ -52,7 +52,7 @@ impl Tiles {
 
     fn next_piece(&mut self, pixels: u32, sample: u32) -> Tile {
         let height = TILE_GROUP_SIZE.min(self.height - self.y);
-        let columns = round_down(pixels / TILE_GROUP_SIZE).max(TILE_GROUP_SIZE);
+        let columns = whole_groups(pixels / height, self.width - self.x).max(TILE_GROUP_SIZE);
         let width = columns.min(MOST_EDGE).min(self.width - self.x);
         let tile = Tile { x: self.x, y: self.y, width, height, sample };
         self.x += width;
@@ -69,9 +69,9 @@ pub(super) fn groups(tile: Tile) -> [u32; 2] {
     [tile.width.div_ceil(TILE_GROUP_SIZE), tile.height.div_ceil(TILE_GROUP_SIZE)]
 }
 
-/// Down to a multiple of a workgroup's edge.
-fn round_down(pixels: u32) -> u32 {
-    pixels / TILE_GROUP_SIZE * TILE_GROUP_SIZE
+/// All that is left of an edge if `pixels` reach that far, else a multiple of a workgroup's edge.
+fn whole_groups(pixels: u32, left: u32) -> u32 {
+    if pixels >= left { left } else { pixels / TILE_GROUP_SIZE * TILE_GROUP_SIZE }
 }
 
 #[cfg(test)]
@@ -117,6 +117,18 @@ mod tests {
         assert_eq!(tile, Some(Tile { x: 0, y: 0, width: 1920, height: 1080, sample: 5 }));
         assert_eq!(tiles.next(u32::MAX, 5), None);
         assert_eq!(tiles.share_done(), 1.0);
+    }
+
+    #[test]
+    fn what_is_left_is_one_tile_if_it_fits() {
+        // 13 rows: a band of 8, then one of 5, in one tile or in pieces of 16 columns and of the other 7.
+        for (asked, expected) in [(23 * 5, vec![[23, 5]]), (23 * 5 - 1, vec![[16, 5], [7, 5]])] {
+            let mut tiles = Tiles::new(23, 13);
+            assert_eq!(tiles.next(23 * 8, 0).map(|tile| [tile.width, tile.height]), Some([23, 8]));
+            let sizes: Vec<_> =
+                std::iter::from_fn(|| tiles.next(asked, 0)).map(|tile| [tile.width, tile.height]).collect();
+            assert_eq!(sizes, expected);
+        }
     }
 
     #[test]
