@@ -153,12 +153,14 @@ mod tests {
         assert_eq!(pass.items(), CAUTIOUS_ITEMS);
         assert_eq!(pass.record(2048, 100.0), Bound::Unknown);
         assert_eq!(pass.items(), 409);
+        // Compared with the dearer ones, not with the first: 60 ms are less than 70 % of theirs.
+        assert_eq!(pass.record(409, 60.0), Bound::Unknown);
     }
 
     #[test]
     fn a_cheap_remainder_changes_nothing_but_a_dear_one_does() {
         let mut pass = FirstPass::new(u32::MAX);
-        pass.record(10, 0.05);
+        pass.record(100, 0.05);
         assert_eq!(pass.items(), FIRST_ITEMS);
         pass.record(10, 100.0);
         assert!(pass.items() < FIRST_ITEMS);

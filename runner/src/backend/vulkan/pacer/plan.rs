@@ -307,3 +307,19 @@ impl Bound {
 fn part(items: u32, parts: f64) -> u32 {
     (f64::from(items) / parts).ceil() as u32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_tails_take_more_proof_than_short_ones() {
+        let part =
+            |share: f64, tail_ms| Expected { work_ms: share * tail_ms, tail_ms, bound: Bound::Unknown };
+        // A half that takes most of the whole: enough to leave 25 ms alone, not 60.
+        assert_eq!(part(0.5, 30.0).judge(25.0), Bound::Tail { proven_ms: 25.0 });
+        assert_eq!(part(0.5, 70.0).judge(60.0), Bound::Unknown);
+        assert_eq!(part(0.25, 70.0).judge(60.0), Bound::Tail { proven_ms: 60.0 });
+        assert_eq!(part(0.25, 70.0).judge(40.0), Bound::Work);
+    }
+}
