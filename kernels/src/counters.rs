@@ -13,7 +13,7 @@ pub struct Counts {
     pub hits: u32,
     /// Ray/box tests.
     pub boxes: u32,
-    /// Prisms entered.
+    /// Prisms whose boxes rays entered.
     pub prisms: u32,
     /// Cells walked by the grid walk.
     pub cells: u32,

@@ -61,7 +61,7 @@ pub mod spec {
     pub const HEIGHT_WRAP: u32 = 5;
     /// The same for the colour map.
     pub const COLOR_WRAP: u32 = 6;
-    /// 1 where work is counted: boxes, cells, triangles. Cap hits are counted regardless.
+    /// 1 where work is counted, as in [`counter`](super::counter). Cap hits are counted regardless.
     pub const COUNTERS: u32 = 7;
     /// How many specialisation constants there are.
     pub const COUNT: u32 = 8;
@@ -134,7 +134,7 @@ pub mod counter {
     pub const HITS: u32 = 2;
     /// Ray/box tests.
     pub const BOXES: u32 = 3;
-    /// Prisms entered.
+    /// Prisms whose boxes rays entered.
     pub const PRISMS: u32 = 4;
     /// Cells walked by the grid walk.
     pub const CELLS: u32 = 5;

@@ -16,8 +16,8 @@ pub const fn gamma(n: u32) -> f32 {
     nu / (1.0 - nu)
 }
 
-/// `a * b + c` without an intermediate rounding to `f32`. On SPIR-V the explicit `Fma` instruction: no driver may
-/// contract it differently in another copy of the code, which is what two triangles at an edge rely on. On the
+/// `a * b + c`, rounded once where the device fuses. On SPIR-V the explicit `Fma` instruction: a driver may compute it
+/// as a product and a sum, but not one way here and another there, which is what two triangles at an edge rely on. On the
 /// CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
 /// differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
 #[inline]
@@ -127,7 +127,9 @@ pub fn at<T: Copy>(buffer: &[T], i: u32) -> T {
     }
     #[cfg(target_arch = "spirv")]
     #[expect(unsafe_code, reason = "unchecked load; the CPU build of the same source checks the index")]
-    // SAFETY: the CPU build of the same source checks this index, and the parity tests run both on the same input.
+    // SAFETY: indices come from buffers whose contents the host checks before it uploads them (`SceneBuffers::check`),
+    // or from invocation ids that entry points compare with the film's or the batch's size. The CPU build of the same
+    // source checks each one.
     unsafe {
         *spirv_std::arch::IndexUnchecked::index_unchecked(buffer, i as usize)
     }

@@ -157,6 +157,8 @@ enum CliError {
     DepthWithoutPng(PathBuf),
     #[error("--device chooses a Vulkan device, but --backend cpu uses none; leave one of them out")]
     DeviceWithCpu,
+    #[error("--stats and --output name the same file, {}; give them different names", .0.display())]
+    StatsOverPicture(PathBuf),
     #[error(transparent)]
     Input(#[from] InputError),
     #[error(transparent)]
@@ -176,6 +178,7 @@ impl CliError {
         match self {
             CliError::DepthWithoutPng(_)
             | CliError::DeviceWithCpu
+            | CliError::StatsOverPicture(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
             | CliError::Input(InputError::UnknownBuiltin { .. })
             | CliError::Render(RenderError::Framing(_)) => 2,
@@ -289,6 +292,9 @@ impl RenderArgs {
         let destination = self.destination()?;
         destination.check()?;
         if let Some(path) = &self.stats {
+            if *path == destination.path {
+                return Err(CliError::StatsOverPicture(path.clone()));
+            }
             Stats::check(path)?;
         }
         let mut settings = self.settings();

@@ -1,7 +1,7 @@
 //! From a scene and settings to a picture: buffers and BVH, samples one after the other, and what it took.
 
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, HostAabb};
 use crate::framing::{self, Framing, FramingError};
 use crate::picture::Picture;
 use crate::scene::{ColorMap, HeightMap, Mesh};
@@ -85,6 +85,16 @@ pub enum RenderError {
         /// What is there, in MiB.
         available: u64,
     },
+    /// The model is out of the range that distances, areas and volumes are computed in.
+    #[error(
+        "the displaced model reaches from {min} to {max}, but floats compute with sizes between {SMALLEST:e} and {LARGEST:e}; scale the model, or change SCALE"
+    )]
+    OutOfRange {
+        /// Lower corner of its box.
+        min: Vec3,
+        /// Upper corner.
+        max: Vec3,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -123,6 +133,7 @@ pub fn prepare(mut scene: Scene, settings: &Settings) -> Result<Job, RenderError
     let start = Instant::now();
     bound_heights(&mut scene, features, displacement);
     let boxes = prism_boxes(&scene.mesh);
+    check_extent(&boxes)?;
     let bvh = Bvh::build(&boxes);
     let bvh_build = start.elapsed();
     debug_assert_eq!(bvh.validate(&boxes).err(), None);
@@ -181,6 +192,22 @@ fn displacement(scene: &Scene, method: Method) -> Displacement {
         height_max,
         padding: 0,
     }
+}
+
+/// Coordinates beyond this are refused: kernels multiply three of them, and 1e12 cubed is within a float's range.
+const LARGEST: f32 = 1e12;
+/// Models smaller than this are refused, for the same reason at the other end.
+const SMALLEST: f32 = 1e-12;
+
+/// Refuses a model that is too large or too small to compute with. One without triangles is fine: it shows nothing.
+fn check_extent(boxes: &[Aabb]) -> Result<(), RenderError> {
+    let Some(whole) = boxes.iter().copied().reduce(Aabb::union) else { return Ok(()) };
+    let (min, max) = (whole.min, whole.max);
+    let fits = min.abs().max(max.abs()).max_element() <= LARGEST;
+    if fits && (max - min).max_element() >= SMALLEST {
+        return Ok(());
+    }
+    Err(RenderError::OutOfRange { min, max })
 }
 
 /// Writes each triangle's own range of heights into it: what its box and its prism are made of.

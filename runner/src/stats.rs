@@ -73,7 +73,7 @@ pub struct Work {
     pub hits: u64,
     /// Ray/box tests.
     pub boxes: u64,
-    /// Prisms entered.
+    /// Prisms whose boxes rays entered.
     pub prisms: u64,
     /// Steps of grid walks: cells walked.
     pub steps: u64,

@@ -256,6 +256,42 @@ fn materials_bring_their_maps() {
 }
 
 #[test]
+fn normal_map_stands_in_for_a_missing_colour_map_only() {
+    let pixel = image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]));
+    let place = Place::new().with("model.obj", format!("mtllib maps.mtl\nusemtl skin\n{TRIANGLE}\n"));
+    for name in ["color.png", "normal.png"] {
+        pixel.save(place.path(name)).expect("written");
+    }
+    let alone = place.with("maps.mtl", "newmtl skin\nnorm normal.png\n");
+    let run = alone.render(&["model.obj"]).succeeded();
+    assert!(run.stdout.contains("normal.png  (from the materials: their normal map"), "{}", run.stdout);
+    let both = alone.with("maps.mtl", "newmtl skin\nmap_Kd color.png\nnorm normal.png\n");
+    let run = both.render(&["model.obj"]).succeeded();
+    assert!(run.stdout.contains("color.png  (from the materials)"), "{}", run.stdout);
+}
+
+#[test]
+fn models_beyond_what_floats_compute_with_are_refused() {
+    for (factor, place) in [("e25", Place::new()), ("e38", Place::new()), ("e-25", Place::new())] {
+        let model = TRIANGLE
+            .replace("v 1 0 0", &format!("v 1{factor} 0 0"))
+            .replace("v 0 1 0", &format!("v 0 1{factor} 0"));
+        let place = place.with("model.obj", model);
+        place.render(&["model.obj"]).failed(1, &["the displaced model reaches from", "scale the model"]);
+    }
+    let place = Place::new();
+    let scaled = ["builtin:cube", "-", "-", "-", "1e30"];
+    place.render(&scaled).failed(1, &["the displaced model reaches from", "change SCALE"]);
+    assert!(place.files().is_empty());
+}
+
+#[test]
+fn statistics_do_not_replace_the_picture() {
+    let run = Place::new().run(&[&QUICK[..], &["--stats=out.png"]].concat());
+    run.failed(2, &["--stats and --output name the same file, out.png"]);
+}
+
+#[test]
 fn quiet_says_nothing() {
     let run = Place::new().run(&[&QUICK[..], &["--quiet"]].concat()).succeeded();
     assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
@@ -500,7 +536,21 @@ mod unix {
         assert_eq!(place.files(), ["out.png"]);
     }
 
-    /// Tiles of 16 million micro-triangles a ray take minutes: only the second Ctrl-C ends them.
+    /// A tile of a thousand pixels at 16 million micro-triangles a prism takes many minutes, one pixel a second or two.
+    #[test]
+    fn ctrl_c_does_not_wait_for_a_tile() {
+        let place = Place::new();
+        let (mut child, _stderr) = started(&place, "--samples=1", "4096");
+        interrupt(&child);
+        let patience = std::time::Instant::now() + std::time::Duration::from_secs(60);
+        while child.try_wait().expect("a child").is_none() {
+            assert!(std::time::Instant::now() < patience, "still at the tile");
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+        assert_eq!(child.wait().expect("ended").code(), Some(130));
+    }
+
+    /// A ray of 16 million micro-triangles takes a second or more: only the second Ctrl-C ends it.
     #[test]
     fn a_second_ctrl_c_ends_at_once() {
         let place = Place::new();

@@ -306,7 +306,7 @@ impl Conic {
     #[inline]
     fn is_candidate(&self, cell: Cell, band: f32) -> bool {
         let flags = self.cell_flags(cell);
-        flags.min_element() <= band && flags.max_element() >= -band
+        !(flags.min_element() > band || flags.max_element() < -band)
     }
 
     /// First and last k of the cells between rows j and j + 1 that can be candidates; first > last where none can.
@@ -404,14 +404,14 @@ impl Slabs {
     fn straddle(&self, plane: (Vec3, Vec3), w0: Vec3, w1: Vec3, w2: Vec3, w3: Vec3) -> bool {
         let low = Vec4::new(plane.0.dot(w0), plane.0.dot(w1), plane.0.dot(w2), plane.0.dot(w3));
         let high = Vec4::new(plane.1.dot(w0), plane.1.dot(w1), plane.1.dot(w2), plane.1.dot(w3));
-        low.min(high).min_element() <= self.margin && low.max(high).max_element() >= -self.margin
+        !(low.min(high).min_element() > self.margin || low.max(high).max_element() < -self.margin)
     }
 }
 
 /// Whether the flag can vanish between two neighbours.
 #[inline]
 fn crosses(a: f32, b: f32, band: f32) -> bool {
-    a.min(b) <= band && a.max(b) >= -band
+    !(a.min(b) > band || a.max(b) < -band)
 }
 
 /// An interval of gamma that grows.

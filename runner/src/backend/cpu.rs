@@ -10,12 +10,14 @@ use glam::Vec4;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
-/// Pixels of a tile, a run of the film in row-major order. Small enough that threads end together and that Ctrl-C
-/// is heard soon, large enough that handing out tiles costs nothing beside tracing them; between 256 and 4096
-/// there is no difference to measure.
+/// Pixels of a tile, a run of the film in row-major order. Small enough that threads end together, large enough that
+/// handing out tiles costs nothing beside tracing them; between 256 and 4096 there is no difference to measure.
 const TILE_PIXELS: usize = 1024;
+/// How long a tile may keep `progress` waiting, which is where Ctrl-C is heard.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Runs the kernels on the processor.
 pub struct CpuBackend {
@@ -73,6 +75,7 @@ impl Backend for CpuBackend {
         // The old scene goes first, so that two need not fit side by side.
         self.scene = SceneBuffers::default();
         self.film = Vec::new();
+        scene.check(frame, features)?;
         self.scene = copy_scene(scene)?;
         self.film = cleared_film(frame)?;
         self.frame = *frame;
@@ -163,17 +166,25 @@ impl Pass<'_> {
                 let (sender, stopped) = (sender.clone(), &stopped);
                 scope.spawn(move |_| {
                     if !stopped.load(Ordering::Relaxed) {
-                        let counts = self.tile::<METHOD>(tile * TILE_PIXELS, pixels);
+                        let counts = self.tile::<METHOD>(tile * TILE_PIXELS, pixels, stopped);
                         // The receiver outlives the scope's tiles; were it gone, no one would want the counts.
                         let _ = sender.send(counts);
                     }
                 });
             }
             drop(sender);
-            for (done, counts) in finished.iter().enumerate() {
-                add(&mut totals, &counts);
+            let mut done = 0;
+            loop {
+                match finished.recv_timeout(PATIENCE) {
+                    Ok(counts) => {
+                        add(&mut totals, &counts);
+                        done += 1;
+                    }
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => break,
+                }
                 if flow.is_continue() {
-                    flow = progress((done + 1) as f32 / tiles as f32);
+                    flow = progress(done as f32 / tiles as f32);
                     stopped.store(flow.is_break(), Ordering::Relaxed);
                 }
             }
@@ -181,12 +192,15 @@ impl Pass<'_> {
         (flow, totals)
     }
 
-    /// Adds the sample to the pixels from number `first` on; returns the work it took.
-    fn tile<const METHOD: u32>(self, first: usize, pixels: &mut [FilmPixel]) -> Totals {
+    /// Adds the sample to the pixels from number `first` on, until it is stopped; returns the work it took.
+    fn tile<const METHOD: u32>(self, first: usize, pixels: &mut [FilmPixel], stopped: &AtomicBool) -> Totals {
         let features = Features { method: METHOD, ..self.features };
         let width = self.scene.frame.width as usize;
         let mut totals = Totals::default();
         for (i, pixel) in (first..).zip(pixels) {
+            if stopped.load(Ordering::Relaxed) {
+                break;
+            }
             let mut counts = Counts::default();
             let sample = sample_pixel(
                 &self.scene,

@@ -26,7 +26,7 @@ pub fn devices() -> Vec<DeviceInfo> {
 
 /// The backend of a choice. `device` names a Vulkan device by number or part of its name: with it, `Auto` takes
 /// that device or fails, since silently rendering on another is not what was asked for. Without it, `Auto` takes the
-/// CPU where Vulkan fails, whatever the reason, and says so.
+/// CPU where no device can be opened, and says so; validation layers that were asked for and are missing are an error.
 pub fn open_backend(
     choice: BackendChoice,
     device: Option<&str>,

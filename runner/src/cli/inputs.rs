@@ -204,8 +204,10 @@ fn number<T: fmt::Display>(given: Option<T>, builtin: Option<T>, default: impl F
 }
 
 /// The diagonal of the mesh's box; 0 for an empty mesh.
+#[expect(clippy::cast_possible_truncation, reason = "rounded, not cut off")]
 fn diagonal(mesh: &Mesh) -> f32 {
-    mesh.bounds().map_or(0.0, |(min, max)| min.distance(max))
+    // In f64: squares of coordinates overflow before the coordinates do.
+    mesh.bounds().map_or(0.0, |(min, max)| min.as_dvec3().distance(max.as_dvec3()) as f32)
 }
 
 fn color_map(argument: &MapArgument, model: &mut Model) -> Result<Settled<Option<ColorMap>>, InputError> {

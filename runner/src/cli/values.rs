@@ -101,11 +101,13 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     if width == 0 || height == 0 {
         return Err("a picture has at least 1x1 pixels".to_owned());
     }
+    let longest = u64::from(i32::MAX.unsigned_abs());
+    if width.max(height) > longest {
+        return Err(format!("a side of a picture has at most {longest} pixels; choose a smaller size"));
+    }
     let pixels = width.checked_mul(height).filter(|&pixels| pixels <= u64::from(u32::MAX));
     match (u32::try_from(width), u32::try_from(height), pixels) {
-        (Ok(width), Ok(height), Some(_)) if width.max(height) <= i32::MAX.unsigned_abs() => {
-            Ok((width, height))
-        }
+        (Ok(width), Ok(height), Some(_)) => Ok((width, height)),
         _ => Err(format!("a picture has at most {} pixels; choose a smaller size", u32::MAX)),
     }
 }

@@ -3,6 +3,7 @@
 mod single_channel;
 
 use super::{ColorMap, HeightMap, SceneError};
+use crate::picture::{linear_from_srgb, srgb_from_linear};
 use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use emboss_kernels::interface::{color_format, height_format};
 use glam::Vec3;
@@ -133,8 +134,8 @@ fn decode(path: &Path) -> Result<Picture, SceneError> {
     Ok(Picture::of(image))
 }
 
-/// What a decoder may use: room for the largest map in 16-byte texels, which are 16 GiB that only a file of that
-/// size ever touches.
+/// What a decoder may use: room for the largest map in 16-byte texels, 16 GiB. A small file can hold a large map:
+/// where memory is short, decoding it fails as any allocation does.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.max_alloc = Some(16 * u64::from(MAX_SIDE) * u64::from(MAX_SIDE));
@@ -356,16 +357,6 @@ fn finite_words(texels: impl ExactSizeIterator<Item = [f32; 3]>) -> (Vec<u32>, u
         words.push(if value.is_finite() { value.to_bits() } else { 0 });
     }
     (words, replaced)
-}
-
-/// Decodes an sRGB value in [0,1] to linear light (IEC 61966-2-1).
-fn linear_from_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
-
-/// The inverse of [`linear_from_srgb`].
-fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]

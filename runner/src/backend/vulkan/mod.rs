@@ -154,6 +154,7 @@ impl Backend for VulkanBackend {
         // The old scene goes first, to make room. After an error the backend holds an empty one.
         self.resident = empty(&self.device, &self.commands, &mut self.transfers)?;
         self.samples_ms = 0.0;
+        scene.check(frame, features)?;
         self.programs.set_features(features);
         self.resident = Resident::new(&self.device, &self.commands, &mut self.transfers, scene, frame)?;
         // Compiled here so that their time is not part of the first sample's.
