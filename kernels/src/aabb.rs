@@ -103,6 +103,13 @@ mod tests {
     }
 
     #[test]
+    fn flat_box_is_hit_from_its_own_plane() {
+        let flat = Aabb { min: Vec3::ZERO, max: Vec3::new(1.0, 1.0, 0.0) };
+        let ray = TraversalRay::new(Vec3::new(0.5, 0.5, 0.0), Vec3::Z, 1.0);
+        assert_eq!(flat.entry_distance(&ray, 1.0), 0.0);
+    }
+
+    #[test]
     fn box_beyond_t_max_is_missed() {
         let ray = TraversalRay::new(Vec3::new(-2.0, 0.5, 0.5), Vec3::X, 1.0);
         assert_eq!(UNIT.entry_distance(&ray, 1.0), f32::INFINITY);

@@ -37,7 +37,7 @@ mod tests {
 
     #[test]
     fn corners_of_the_grid_are_the_corners() {
-        for n in [1, 2, 3, 7, 49, 100, 4096] {
+        for n in 1..=4096 {
             assert_eq!(grid_point(0, 0, n), Vec3::X);
             assert_eq!(grid_point(n, 0, n), Vec3::Y);
             assert_eq!(grid_point(0, n, n), Vec3::Z);

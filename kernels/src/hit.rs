@@ -38,3 +38,20 @@ impl Hit {
         if other_wins { other } else { self }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nearer_hit_wins_and_ties_go_to_the_lower_triangle_then_cell() {
+        let hit = |t, primitive, cell| Hit { t, primitive, cell, b1: 0.0, b2: 0.0 };
+        let ascending = [hit(1.0, 9, 9), hit(2.0, 3, 7), hit(2.0, 4, 1), hit(2.0, 4, 2), Hit::NONE];
+        for (i, &first) in ascending.iter().enumerate() {
+            for &second in &ascending[i..] {
+                assert_eq!(first.nearer(second), first);
+                assert_eq!(second.nearer(first), first);
+            }
+        }
+    }
+}

@@ -89,7 +89,7 @@ pub mod shade {
     pub const UV: u32 = 3;
     /// A colour per micro-triangle.
     pub const CELL: u32 = 4;
-    /// Micro-triangle tests and cells walked by the primary ray, from blue (few) to red (many).
+    /// Triangles that the primary ray was tested against, from blue (few) to red (many).
     pub const STEPS: u32 = 5;
 }
 

@@ -83,8 +83,11 @@ mod tests {
     #[test]
     fn edges_and_vertices_belong_to_the_triangle() {
         for target in [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.0, 0.25, 0.0)] {
-            let hit = intersect(&ray(target + Vec3::Z, target), P[0], P[1], P[2], 10.0);
-            assert_eq!(hit.t, 1.0);
+            // Edge functions are positive in one order of the vertices and negative in the other.
+            for (p1, p2) in [(P[1], P[2]), (P[2], P[1])] {
+                let hit = intersect(&ray(target + Vec3::Z, target), P[0], p1, p2, 10.0);
+                assert_eq!(hit.t, 1.0);
+            }
         }
     }
 
