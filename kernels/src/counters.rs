@@ -23,6 +23,8 @@ pub struct Counts {
     pub cap_hits: u32,
     /// Prisms scanned because their walk could not be trusted.
     pub scans: u32,
+    /// Sub-triangles of quadtrees tested.
+    pub sub_triangles: u32,
 }
 
 impl Counts {
@@ -39,6 +41,7 @@ impl Counts {
             self.triangles,
             self.cap_hits,
             self.scans,
+            self.sub_triangles,
         ]
     }
 }

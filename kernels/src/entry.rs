@@ -7,7 +7,8 @@
 
 use crate::counters::Counts;
 use crate::interface::{
-    Batch, BvhNode, Counter, FilmPixel, Frame, Intersection, PointLight, Ray, Tile, Triangle, Vertex, counter,
+    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, SeamSide, Seams,
+    Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::scene::{Features, SceneView};
@@ -22,7 +23,7 @@ pub fn render(
     #[spirv(local_invocation_index)] local: u32,
     #[spirv(workgroup)] shared: &mut [Counter; counter::COUNT],
     #[spirv(push_constant)] tile: &Tile,
-    #[spirv(spec_constant(id = 0, default = 2))] method: u32,
+    #[spirv(spec_constant(id = 0, default = 3))] method: u32,
     #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
     #[spirv(spec_constant(id = 2, default = 1))] shadows: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
@@ -30,19 +31,37 @@ pub fn render(
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 6, default = 0))] color_wrap: u32,
     #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
+    #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
+    #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] height_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] color_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] lights: &[PointLight],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] film: &mut [FilmPixel],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &[Seams],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
-    let scene =
-        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
+    let scene = SceneView {
+        frame,
+        vertices,
+        triangles,
+        nodes,
+        primitives,
+        displacements,
+        height_texels,
+        height_ranges,
+        seams,
+        seam_sides,
+        color_texels,
+        lights,
+    };
     let features = Features {
         method,
         shade,
@@ -52,6 +71,8 @@ pub fn render(
         height_wrap,
         color_wrap,
         counters: counting,
+        normals,
+        seams: welded,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -70,8 +91,8 @@ pub fn resolve(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] tile: &Tile,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] film: &[FilmPixel],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] picture: &mut [Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &[FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 13)] picture: &mut [Vec4],
 ) {
     if id.x < tile.width && id.y < tile.height {
         let pixel = (tile.y + id.y) * frame.width + tile.x + id.x;
@@ -86,25 +107,51 @@ pub fn trace_rays(
     #[spirv(local_invocation_index)] local: u32,
     #[spirv(workgroup)] shared: &mut [Counter; counter::COUNT],
     #[spirv(push_constant)] batch: &Batch,
-    #[spirv(spec_constant(id = 0, default = 2))] method: u32,
+    #[spirv(spec_constant(id = 0, default = 3))] method: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
+    #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
+    #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] height_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] color_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] lights: &[PointLight],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] rays: &[Ray],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] intersections: &mut [Intersection],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] counters: &mut [Counter],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &[Seams],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
-    let scene =
-        SceneView { frame, vertices, triangles, nodes, primitives, height_texels, color_texels, lights };
-    let features = Features { method, height_format, height_wrap, counters: counting, ..Features::default() };
+    let scene = SceneView {
+        frame,
+        vertices,
+        triangles,
+        nodes,
+        primitives,
+        displacements,
+        height_texels,
+        height_ranges,
+        seams,
+        seam_sides,
+        color_texels,
+        lights,
+    };
+    let features = Features {
+        method,
+        height_format,
+        height_wrap,
+        counters: counting,
+        normals,
+        seams: welded,
+        ..Features::default()
+    };
     let mut counts = Counts::default();
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -118,8 +165,8 @@ pub fn trace_rays(
 pub fn probe(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 13)] input: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] output: &mut [u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 17)] input: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 18)] output: &mut [u32],
 ) {
     if id.x < batch.count {
         probe::run(batch.kernel, input, output, batch.first + id.x);

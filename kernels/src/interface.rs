@@ -20,28 +20,37 @@ pub mod binding {
     pub const NODES: u32 = 3;
     /// `[u32]`: triangle indices in the order of the BVH's leaves, read.
     pub const PRIMITIVES: u32 = 4;
-    /// `[u32]`: texels of the height map, in [`height_format`](super::height_format), read.
-    pub const HEIGHT_TEXELS: u32 = 5;
+    /// `[Displacement]`, one for each height map, read.
+    pub const DISPLACEMENTS: u32 = 5;
+    /// `[u32]`: texels of the height maps, in [`height_format`](super::height_format), read.
+    pub const HEIGHT_TEXELS: u32 = 6;
+    /// `[u32]`: the height maps' min/max pyramids, see [`height_pyramid`](crate::displacement::height_pyramid);
+    /// written by `height_pyramid`, read by the rest.
+    pub const HEIGHT_RANGES: u32 = 7;
+    /// `[Seams]`, read.
+    pub const SEAMS: u32 = 8;
+    /// `[SeamSide]`, read.
+    pub const SEAM_SIDES: u32 = 9;
     /// `[u32]`: texels of the colour map, in [`color_format`](super::color_format), read.
-    pub const COLOR_TEXELS: u32 = 6;
+    pub const COLOR_TEXELS: u32 = 10;
     /// `[PointLight]`, read.
-    pub const LIGHTS: u32 = 7;
+    pub const LIGHTS: u32 = 11;
     /// `[FilmPixel]`, row-major, top row first: the sum of samples, read and written.
-    pub const FILM: u32 = 8;
+    pub const FILM: u32 = 12;
     /// `[Vec4]`: the resolved picture, written by `resolve`.
-    pub const PICTURE: u32 = 9;
+    pub const PICTURE: u32 = 13;
     /// `[Counter; counter::COUNT]`, added to atomically.
-    pub const COUNTERS: u32 = 10;
+    pub const COUNTERS: u32 = 14;
     /// `[Ray]`, read by `trace_rays`.
-    pub const RAYS: u32 = 11;
+    pub const RAYS: u32 = 15;
     /// `[Intersection]`, written by `trace_rays`.
-    pub const INTERSECTIONS: u32 = 12;
+    pub const INTERSECTIONS: u32 = 16;
     /// `[u32]`, the arguments of `probe`, read.
-    pub const PROBE_IN: u32 = 13;
+    pub const PROBE_IN: u32 = 17;
     /// `[u32]`, the results of `probe`, written.
-    pub const PROBE_OUT: u32 = 14;
+    pub const PROBE_OUT: u32 = 18;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 15;
+    pub const COUNT: u32 = 19;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -63,8 +72,12 @@ pub mod spec {
     pub const COLOR_WRAP: u32 = 6;
     /// 1 where work is counted, as in [`counter`](super::counter). Cap hits are counted regardless.
     pub const COUNTERS: u32 = 7;
+    /// Along which direction heights are measured: [`normals`](super::normals).
+    pub const NORMALS: u32 = 8;
+    /// 1 where some triangle has [`Seams`](super::Seams).
+    pub const SEAMS: u32 = 9;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 8;
+    pub const COUNT: u32 = 10;
 }
 
 /// Values of [`spec::METHOD`].
@@ -75,6 +88,16 @@ pub mod method {
     pub const BRUTE_FORCE: u32 = 1;
     /// The grid walk of Smits, Shirley and Stark 2000.
     pub const GRID_WALK: u32 = 2;
+    /// Bounded descent through an implicit quadtree of sub-triangles: the exact method.
+    pub const QUADTREE: u32 = 3;
+}
+
+/// Values of [`spec::NORMALS`].
+pub mod normals {
+    /// The interpolated normal, renormalised: height keeps its meaning on curved bases.
+    pub const NORMALIZED: u32 = 0;
+    /// The interpolated normal as it is (Smits, Shirley and Stark 2000): prism walls are bilinear patches.
+    pub const LINEAR: u32 = 1;
 }
 
 /// Values of [`spec::SHADE`].
@@ -144,8 +167,10 @@ pub mod counter {
     pub const CAP_HITS: u32 = 7;
     /// Prisms whose walk could not be trusted and that were scanned row by row instead.
     pub const SCANS: u32 = 8;
+    /// Sub-triangles of quadtrees that rays were tested against.
+    pub const SUB_TRIANGLES: u32 = 9;
     /// How many counters there are.
-    pub const COUNT: usize = 9;
+    pub const COUNT: usize = 10;
 }
 
 /// Threads of a workgroup of `render` and `resolve` along x and along y.
@@ -161,6 +186,8 @@ pub const MAX_BVH_DEPTH: u32 = 40;
 pub const MISS: u32 = u32::MAX;
 /// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
 pub const FLIPPED: u32 = 1;
+/// [`Triangle::seams`] of a triangle whose neighbours agree with it all around.
+pub const NO_SEAMS: u32 = u32::MAX;
 
 /// A corner of the base mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -185,10 +212,55 @@ pub struct Triangle {
     pub vertices: [u32; 3],
     /// [`FLIPPED`] or 0.
     pub flags: u32,
-    /// Least height over it, rounded down: [`height_bounds`](crate::displacement::height_bounds).
+    /// Least height of its own field over it, rounded down:
+    /// [`height_bounds`](crate::displacement::height_pyramid::height_bounds). Seams may have others.
     pub height_min: f32,
-    /// Greatest height over it, rounded up.
+    /// Greatest height, rounded up.
     pub height_max: f32,
+    /// Index of its [`Displacement`].
+    pub displacement: u32,
+    /// Index of its [`Seams`], or [`NO_SEAMS`].
+    pub seams: u32,
+}
+
+/// What a base triangle's border has in common with neighbours that disagree with it on normals, texture
+/// coordinates or height maps. The edges and corners concerned are decided here, once for all triangles at them, so
+/// that these compute the same micro-vertices and the surface has no crack.
+///
+/// A corner is *decided* where several vertices stand at its position: direction and height are then those given
+/// here. An edge is a *seam* where its triangles do not all share its two vertices and the height map: its
+/// micro-vertices are displaced along the directions given here, interpolated, by the mean of the heights that its
+/// sides read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Seams {
+    /// Displacement direction at each corner, a unit vector (or zero): the normalised mean of the normals there, or
+    /// the vertex's own normal where the corner is not decided.
+    pub directions: [[f32; 3]; 3],
+    /// Height at each decided corner: the mean over all triangle corners there.
+    pub heights: [f32; 3],
+    /// Bit e: corner e is decided. Bit 3 + e: the edge across from corner e is a seam.
+    pub flags: u32,
+    /// Each seam's first entry in the buffer of sides.
+    pub first_side: [u32; 3],
+    /// How many sides each seam has, 2 on a manifold.
+    pub side_count: [u32; 3],
+    /// Least height along each seam, rounded down.
+    pub height_min: [f32; 3],
+    /// Greatest height along each seam, rounded up.
+    pub height_max: [f32; 3],
+}
+
+/// What one triangle at a seam reads its heights from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SeamSide {
+    /// Texture coordinates at the seam's end of the lower vertex index.
+    pub start: [f32; 2],
+    /// Texture coordinates at its other end.
+    pub end: [f32; 2],
+    /// Index of the triangle's [`Displacement`].
+    pub displacement: u32,
 }
 
 /// A node of the binary BVH. Inner nodes have their two children side by side.
@@ -242,7 +314,7 @@ pub struct Camera {
     pub padding3: u32,
 }
 
-/// How the base mesh is displaced: height = `scale * (texel - zero)` along the normalised interpolated normal.
+/// A height map and what it does: height = `scale * (texel - zero)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Displacement {
@@ -250,8 +322,6 @@ pub struct Displacement {
     pub scale: f32,
     /// The texel value of no displacement.
     pub zero: f32,
-    /// N: parts of each side, 1 to [`MAX_SUBDIVISIONS`].
-    pub subdivisions: u32,
     /// Width of the height map in texels, at least 1.
     pub map_width: u32,
     /// Height of the height map in texels, at least 1.
@@ -260,8 +330,10 @@ pub struct Displacement {
     pub height_min: f32,
     /// Greatest height of the map, rounded up.
     pub height_max: f32,
-    /// Unused.
-    pub padding: u32,
+    /// Word of its first texel in the buffer of height texels.
+    pub first_word: u32,
+    /// Word of its pyramid's first range in the buffer of height ranges.
+    pub first_range: u32,
 }
 
 /// What all pixels of a picture share.
@@ -270,8 +342,6 @@ pub struct Displacement {
 pub struct Frame {
     /// The camera.
     pub camera: Camera,
-    /// The relief.
-    pub displacement: Displacement,
     /// Width of the film in pixels.
     pub width: u32,
     /// Height of the film in pixels.
@@ -296,6 +366,14 @@ pub struct Frame {
     pub triangle_count: u32,
     /// [`shade::STEPS`]: the count that is shown red.
     pub steps_scale: u32,
+    /// N: parts of each side of a triangle, 1 to [`MAX_SUBDIVISIONS`].
+    pub subdivisions: u32,
+    /// Least height of all maps, rounded down.
+    pub height_min: f32,
+    /// Greatest height of all maps, rounded up.
+    pub height_max: f32,
+    /// Unused.
+    pub padding: u32,
 }
 
 /// What one dispatch of `render` does, as push constants.
@@ -390,12 +468,14 @@ pub struct Intersection {
 
 const _: () = {
     assert!(size_of::<Vertex>() == 32);
-    assert!(size_of::<Triangle>() == 24);
+    assert!(size_of::<Triangle>() == 32);
+    assert!(size_of::<Seams>() == 100);
+    assert!(size_of::<SeamSide>() == 20);
     assert!(size_of::<BvhNode>() == 32);
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);
     assert!(size_of::<Displacement>() == 32);
-    assert!(size_of::<Frame>() == 160);
+    assert!(size_of::<Frame>() == 144);
     assert!(size_of::<Tile>() == 20);
     assert!(size_of::<Batch>() == 12);
     assert!(size_of::<FilmPixel>() == 20);

@@ -1,6 +1,6 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
-use crate::interface::{BvhNode, Frame, PointLight, Triangle, Vertex};
+use crate::interface::{BvhNode, Displacement, Frame, PointLight, SeamSide, Seams, Triangle, Vertex};
 
 /// The buffers of a scene, as bound by the backend.
 #[derive(Clone, Copy)]
@@ -15,8 +15,16 @@ pub struct SceneView<'a> {
     pub nodes: &'a [BvhNode],
     /// Triangle indices in the order of the BVH's leaves.
     pub primitives: &'a [u32],
-    /// The height map.
+    /// How the height maps displace.
+    pub displacements: &'a [Displacement],
+    /// The height maps.
     pub height_texels: &'a [u32],
+    /// Their min/max pyramids.
+    pub height_ranges: &'a [u32],
+    /// Where neighbours disagree.
+    pub seams: &'a [Seams],
+    /// The sides of seams.
+    pub seam_sides: &'a [SeamSide],
     /// The colour map.
     pub color_texels: &'a [u32],
     /// The lights.
@@ -43,6 +51,10 @@ pub struct Features {
     pub color_wrap: u32,
     /// 1 where work is counted.
     pub counters: u32,
+    /// See [`normals`](crate::interface::normals).
+    pub normals: u32,
+    /// 1 where some triangle has seams.
+    pub seams: u32,
 }
 
 impl Features {
@@ -57,6 +69,8 @@ impl Features {
             self.height_wrap,
             self.color_wrap,
             self.counters,
+            self.normals,
+            self.seams,
         ]
     }
 }

@@ -36,7 +36,7 @@ impl SurfaceInteraction {
     /// pbrt-v4 (section 6.8.5), gamma(12) here, since Vulkan's division may be off by 2.5 ulp.
     #[inline]
     pub fn new(scene: &SceneView<'_>, features: Features, hit: Hit) -> Self {
-        let base = BaseTriangle::load(scene.vertices, at(scene.triangles, hit.primitive), hit.primitive);
+        let base = BaseTriangle::load(scene, hit.primitive);
         let (b1, b2) = (hit.b1, hit.b2);
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
         let field = HeightField::new(scene, features);
@@ -45,7 +45,7 @@ impl SurfaceInteraction {
         } else {
             let cell = Cell::unpack(hit.cell);
             let [q0, q1, q2] = base.micro_triangle(&field, cell);
-            let n = field.displacement.subdivisions;
+            let n = field.subdivisions;
             let corner = |e: u32| {
                 let (j, k) = cell.vertex(e);
                 grid_point(j, k, n)
@@ -59,7 +59,11 @@ impl SurfaceInteraction {
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng: if base.flipped { -n } else { n },
             uv,
-            height: if features.method == method::NONE { 0.0 } else { field.height(uv) },
+            height: if features.method == method::NONE {
+                0.0
+            } else {
+                field.height(&field.displacement(base.displacement), uv)
+            },
         }
     }
 
@@ -110,7 +114,7 @@ pub fn shade_hit(
     if features.shade == shade::NORMAL {
         surface.ng * 0.5 + Vec3::splat(0.5)
     } else if features.shade == shade::HEIGHT {
-        let d = &scene.frame.displacement;
+        let d = scene.frame;
         let range = d.height_max - d.height_min;
         Vec3::splat(if range > 0.0 { (surface.height - d.height_min) / range } else { 0.0 })
     } else if features.shade == shade::UV {
@@ -315,8 +319,8 @@ mod tests {
     #[test]
     fn shading_modes_show_what_they_say() {
         let mut scene = TestScene::squares(&[0.0]);
-        let d = &mut scene.frame.displacement;
-        (d.height_min, d.height_max, d.scale, d.zero) = (-1.0, 3.0, 1.0, 0.0);
+        (scene.frame.height_min, scene.frame.height_max) = (-1.0, 3.0);
+        scene.displacements[0].scale = 1.0;
         let mode = |shade| sample(&scene, Features { shade, method: method::GRID_WALK, ..FLAT }).radiance;
         assert_eq!(mode(shade::NORMAL), Vec3::new(0.5, 0.5, 1.0));
         assert_eq!(mode(shade::HEIGHT), Vec3::splat(0.25));

@@ -1,7 +1,8 @@
 //! Small scenes for unit tests.
 
 use crate::interface::{
-    BvhNode, Camera, Displacement, FLIPPED, Frame, PointLight, Triangle, Vertex, height_format, method,
+    BvhNode, Camera, Displacement, FLIPPED, Frame, NO_SEAMS, PointLight, SeamSide, Seams, Triangle, Vertex,
+    height_format, method,
 };
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
@@ -14,7 +15,11 @@ pub(crate) struct TestScene {
     pub(crate) triangles: Vec<Triangle>,
     pub(crate) nodes: Vec<BvhNode>,
     pub(crate) primitives: Vec<u32>,
+    pub(crate) displacements: Vec<Displacement>,
     pub(crate) height_texels: Vec<u32>,
+    pub(crate) height_ranges: Vec<u32>,
+    pub(crate) seams: Vec<Seams>,
+    pub(crate) seam_sides: Vec<SeamSide>,
     pub(crate) color_texels: Vec<u32>,
     pub(crate) lights: Vec<PointLight>,
 }
@@ -29,6 +34,8 @@ pub(crate) const FLAT: Features = Features {
     height_wrap: 0,
     color_wrap: 0,
     counters: 0,
+    normals: 0,
+    seams: 0,
 };
 
 impl TestScene {
@@ -41,14 +48,21 @@ impl TestScene {
                 let position = Vec3::new(x, y, z);
                 scene.vertices.push(Vertex { position, normal: Vec3::Z, u: x, v: y });
             }
-            scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], ..Triangle::default() });
-            scene.triangles.push(Triangle { vertices: [first, first + 2, first + 3], ..Triangle::default() });
+            scene.triangles.push(Triangle {
+                vertices: [first, first + 1, first + 2],
+                seams: NO_SEAMS,
+                ..Triangle::default()
+            });
+            scene.triangles.push(Triangle {
+                vertices: [first, first + 2, first + 3],
+                seams: NO_SEAMS,
+                ..Triangle::default()
+            });
         }
         let count = scene.triangles.len() as u32;
         scene.primitives = (0..count).collect();
         scene.nodes.push(BvhNode { min: Vec3::splat(-9.0), first: 0, max: Vec3::splat(9.0), count });
-        let displacement =
-            Displacement { subdivisions: 1, map_width: 1, map_height: 1, ..Displacement::default() };
+        scene.displacements.push(Displacement { map_width: 1, map_height: 1, ..Displacement::default() });
         scene.frame = Frame {
             camera: Camera {
                 eye: Vec3::new(0.0, 0.0, 5.0),
@@ -57,7 +71,7 @@ impl TestScene {
                 forward: -Vec3::Z,
                 ..Camera::default()
             },
-            displacement,
+            subdivisions: 1,
             width: 1,
             height: 1,
             albedo: Vec3::new(0.5, 0.25, 1.0),
@@ -89,7 +103,11 @@ impl TestScene {
             triangles: &self.triangles,
             nodes: &self.nodes,
             primitives: &self.primitives,
+            displacements: &self.displacements,
             height_texels: &self.height_texels,
+            height_ranges: &self.height_ranges,
+            seams: &self.seams,
+            seam_sides: &self.seam_sides,
             color_texels: &self.color_texels,
             lights: &self.lights,
         }

@@ -1,6 +1,6 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
-use crate::interface::{color_format, height_format, wrap};
+use crate::interface::{Displacement, color_format, height_format, wrap};
 use crate::math::{at, floor, fma};
 use glam::{Vec2, Vec3};
 
@@ -61,27 +61,38 @@ fn lerp(s: f32, a: f32, b: f32) -> f32 {
     fma(s, b - a, a)
 }
 
-/// Texel `i` of a height map.
+/// Texel `i` of a height map whose texels begin at word `first`.
 #[inline]
-pub fn height_texel(texels: &[u32], format: u32, i: u32) -> f32 {
+pub fn height_texel(texels: &[u32], format: u32, first: u32, i: u32) -> f32 {
     if format == height_format::UNORM8 {
-        ((at(texels, i >> 2) >> ((i & 3) * 8)) & 0xff) as f32 / 255.0
+        unorm8(at(texels, first + (i >> 2)), i & 3)
     } else if format == height_format::UNORM16 {
-        ((at(texels, i >> 1) >> ((i & 1) * 16)) & 0xffff) as f32 / 65535.0
+        unorm16(at(texels, first + (i >> 1)), i & 1)
     } else {
-        f32::from_bits(at(texels, i))
+        f32::from_bits(at(texels, first + i))
     }
+}
+
+/// Byte `lane` of a word as a number in [0, 1].
+#[inline]
+pub fn unorm8(word: u32, lane: u32) -> f32 {
+    ((word >> (lane * 8)) & 0xff) as f32 / 255.0
+}
+
+/// Half `lane` of a word as a number in [0, 1].
+#[inline]
+pub fn unorm16(word: u32, lane: u32) -> f32 {
+    ((word >> (lane * 16)) & 0xffff) as f32 / 65535.0
 }
 
 /// The bilinearly filtered value of a height map at (u, v), which must be finite. The value leaves the range of the
 /// four texels by at most 3 ulp of the greatest magnitude among them.
 #[inline]
-pub fn sample_height(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> f32 {
-    let f = footprint(uv, width, height, mode);
-    let top =
-        lerp(f.fx, height_texel(texels, format, f.texels[0]), height_texel(texels, format, f.texels[1]));
-    let bottom =
-        lerp(f.fx, height_texel(texels, format, f.texels[2]), height_texel(texels, format, f.texels[3]));
+pub fn sample_height(texels: &[u32], format: u32, mode: u32, map: &Displacement, uv: Vec2) -> f32 {
+    let f = footprint(uv, map.map_width, map.map_height, mode);
+    let texel = |i: usize| height_texel(texels, format, map.first_word, f.texels[i]);
+    let top = lerp(f.fx, texel(0), texel(1));
+    let bottom = lerp(f.fx, texel(2), texel(3));
     lerp(f.fy, top, bottom)
 }
 
@@ -124,7 +135,8 @@ mod tests {
 
     fn sample(mode: u32, u: f32, v: f32) -> f32 {
         let texels = MAP.map(f32::to_bits);
-        sample_height(&texels, height_format::FLOAT32, mode, 4, 2, Vec2::new(u, v))
+        let map = Displacement { map_width: 4, map_height: 2, ..Displacement::default() };
+        sample_height(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, v))
     }
 
     #[test]
@@ -166,8 +178,9 @@ mod tests {
     fn one_texel_is_constant_everywhere() {
         let texels = [0.25_f32.to_bits()];
         for mode in [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR] {
+            let map = Displacement { map_width: 1, map_height: 1, ..Displacement::default() };
             for u in [-1e6, -0.5, -1e-8, 0.0, 0.3, 1.0, 1e9] {
-                assert_eq!(sample_height(&texels, height_format::FLOAT32, mode, 1, 1, Vec2::new(u, u)), 0.25);
+                assert_eq!(sample_height(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, u)), 0.25);
             }
         }
     }
@@ -177,10 +190,10 @@ mod tests {
         let eight = [u32::from_le_bytes([0, 51, 255, 102])];
         let sixteen = [0x0000_ffff_u32, 0x8000_3333];
         for (i, want) in [0.0, 0.2, 1.0, 0.4].into_iter().enumerate() {
-            assert_eq!(height_texel(&eight, height_format::UNORM8, i as u32), want);
+            assert_eq!(height_texel(&eight, height_format::UNORM8, 0, i as u32), want);
         }
         for (i, want) in [1.0, 0.0, 0.2, 32768.0 / 65535.0].into_iter().enumerate() {
-            assert_eq!(height_texel(&sixteen, height_format::UNORM16, i as u32), want);
+            assert_eq!(height_texel(&sixteen, height_format::UNORM16, 0, i as u32), want);
         }
     }
 

@@ -14,7 +14,7 @@ use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, prepare, render};
 use crate::scene::SceneError;
-use crate::settings::{Light, Method, Settings, Shade, Wrap};
+use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
@@ -83,8 +83,14 @@ struct RenderArgs {
     #[arg(long, value_name = "COUNT", default_value = "4", value_parser = values::samples)]
     samples: u32,
     /// How displaced triangles are intersected
-    #[arg(long, value_enum, default_value_t = Method::GridWalk)]
+    #[arg(long, value_enum, default_value_t = Method::Quadtree)]
     method: Method,
+    /// Direction in which heights are measured
+    #[arg(long, value_enum, default_value_t = Normals::Normalized)]
+    normals: Normals,
+    /// What becomes of edges where neighbours disagree on normals or texture coordinates
+    #[arg(long, value_enum, default_value_t = Weld::On)]
+    weld: Weld,
     /// What pixels show
     #[arg(long, value_enum, default_value_t = Shade::Lit)]
     shade: Shade,
@@ -305,7 +311,13 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(&settings, self.samples, scene.zero, scene.scale, scene.subdivisions);
+        let used = SettingsUsed::new(
+            &settings,
+            self.samples,
+            scene.reliefs[0].zero,
+            scene.reliefs[0].scale,
+            scene.subdivisions,
+        );
         let job = prepare(scene, &settings)?;
         tracing::debug!("BVH of {} nodes built in {:.1?}", job.buffers.nodes.len(), job.bvh_build);
         if interrupt.requested() {
@@ -355,6 +367,8 @@ impl RenderArgs {
             width: self.size.0,
             height: self.size.1,
             method: self.method,
+            normals: self.normals,
+            weld: self.weld,
             shade: self.shade,
             shadows: !self.no_shadows,
             wrap: self.wrap,

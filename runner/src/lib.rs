@@ -5,6 +5,7 @@ pub mod backend;
 pub mod bvh;
 pub mod cli;
 pub mod framing;
+pub mod heights;
 pub mod picture;
 pub mod render;
 pub mod scene;

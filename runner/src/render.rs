@@ -3,13 +3,15 @@
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
 use crate::bvh::{Bvh, HostAabb};
 use crate::framing::{self, Framing, FramingError};
+use crate::heights::Heights;
 use crate::picture::Picture;
-use crate::scene::{ColorMap, HeightMap, Mesh};
-use crate::settings::{Light, Method, Settings};
+use crate::scene::seams::SeamTable;
+use crate::scene::{ColorMap, Mesh, Relief};
+use crate::settings::{Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::displacement::height_bounds::height_bounds;
+use emboss_kernels::displacement::height_pyramid::height_bounds;
 use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
-use emboss_kernels::interface::{Displacement, FilmPixel, Frame, PointLight, color_format};
+use emboss_kernels::interface::{FilmPixel, Frame, PointLight, color_format};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -24,14 +26,12 @@ const ALBEDO: Vec3 = Vec3::splat(0.8);
 pub struct Scene {
     /// The base mesh.
     pub mesh: Mesh,
-    /// The height map.
-    pub height_map: HeightMap,
+    /// Its height maps, at least one; triangles name theirs in [`Triangle::displacement`].
+    ///
+    /// [`Triangle::displacement`]: emboss_kernels::interface::Triangle::displacement
+    pub reliefs: Vec<Relief>,
     /// The colour map; without one the surface is light grey.
     pub color_map: Option<ColorMap>,
-    /// The texel value of no displacement.
-    pub zero: f32,
-    /// Height of a texel step from 0 to 1, in model units.
-    pub scale: f32,
     /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS).
     pub subdivisions: u32,
 }
@@ -126,31 +126,77 @@ fn available_memory() -> Option<u64> {
     kib.checked_mul(1024)
 }
 
-/// Makes a scene ready: its BVH, its camera and its lights.
-pub fn prepare(mut scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let displacement = displacement(&scene, settings.method);
-    let features = features(&scene, settings);
+/// Makes a scene ready: its seams, the bounds on its heights, its BVH, its camera and its lights.
+pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let start = Instant::now();
-    bound_heights(&mut scene, features, displacement);
-    let boxes = prism_boxes(&scene.mesh);
+    let Scene { mut mesh, reliefs, color_map, subdivisions } = scene;
+    let seams = match settings.weld {
+        Weld::On => SeamTable::find(&mut mesh),
+        Weld::Off => SeamTable::default(),
+    };
+    let heights = Heights::pack(reliefs, settings.wrap.id(), settings.method != Method::None);
+    let features = Features {
+        method: settings.method.id(),
+        shade: settings.shade.id(),
+        shadows: u32::from(settings.shadows),
+        height_format: heights.format,
+        color_format: color_map.as_ref().map_or(color_format::NONE, |map| map.format),
+        height_wrap: settings.wrap.id(),
+        color_wrap: settings.wrap.id(),
+        counters: u32::from(settings.counting),
+        normals: settings.normals.id(),
+        seams: u32::from(!seams.seams.is_empty()),
+    };
+    let (height_min, height_max) = heights.range();
+    let (color_width, color_height) = color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
+    let mut frame = Frame {
+        width: settings.width,
+        height: settings.height,
+        seed: settings.seed,
+        albedo: ALBEDO,
+        ambient: settings.ambient,
+        background: settings.background.unwrap_or(Vec3::ZERO),
+        background_alpha: if settings.background.is_some() { 1.0 } else { 0.0 },
+        color_width,
+        color_height,
+        triangle_count: count(mesh.triangles.len()),
+        steps_scale: settings.method.many_steps(subdivisions),
+        subdivisions,
+        height_min,
+        height_max,
+        ..Frame::default()
+    };
+    let mut buffers = SceneBuffers {
+        vertices: mesh.vertices,
+        triangles: mesh.triangles,
+        displacements: heights.displacements,
+        height_texels: heights.texels,
+        height_ranges: heights.ranges,
+        seams: seams.seams,
+        seam_sides: seams.sides,
+        color_texels: color_map.map_or_else(Vec::new, |map| map.texels),
+        ..SceneBuffers::default()
+    };
+    bound_heights(&mut buffers, &frame, features);
+    let boxes: Vec<Aabb> = (0..frame.triangle_count)
+        .into_par_iter()
+        .map(|primitive| prism_bounds(&buffers.view(&frame), features, primitive))
+        .collect();
     check_extent(&boxes)?;
     let bvh = Bvh::build(&boxes);
     let bvh_build = start.elapsed();
     debug_assert_eq!(bvh.validate(&boxes).err(), None);
+    (buffers.nodes, buffers.primitives) = (bvh.nodes, bvh.primitives);
     let aspect = f64::from(settings.width) / f64::from(settings.height);
     let framing = framing::frame(&settings.view, &boxes, aspect)?;
-    let lights = point_lights(&settings.lights, &framing);
-    let frame = frame(&scene, settings, displacement, &framing, &lights);
-    let buffers = SceneBuffers {
-        vertices: scene.mesh.vertices,
-        triangles: scene.mesh.triangles,
-        nodes: bvh.nodes,
-        primitives: bvh.primitives,
-        height_texels: scene.height_map.texels,
-        color_texels: scene.color_map.map_or_else(Vec::new, |map| map.texels),
-        lights,
-    };
+    buffers.lights = point_lights(&settings.lights, &framing);
+    (frame.camera, frame.light_count) = (framing.camera, count(buffers.lights.len()));
     Ok(Job { buffers, frame, features, bvh_build })
+}
+
+/// A length as kernels read it; meshes have 32-bit indices.
+fn count(len: usize) -> u32 {
+    u32::try_from(len).unwrap_or(u32::MAX)
 }
 
 /// Takes `samples` samples of every pixel. Calls `progress` with the share done (0 to 1) between tiles; `Break`
@@ -177,23 +223,6 @@ pub fn render(
     Ok(Rendering { picture, totals, elapsed, device_ms, interrupted: flow.is_break() })
 }
 
-/// The relief as the kernels read it; flat where the method does not displace.
-fn displacement(scene: &Scene, method: Method) -> Displacement {
-    let scale = if method == Method::None { 0.0 } else { scene.scale };
-    let (height_min, height_max) =
-        Displacement::height_range(scene.height_map.range.0, scene.height_map.range.1, scene.zero, scale);
-    Displacement {
-        scale,
-        zero: scene.zero,
-        subdivisions: scene.subdivisions,
-        map_width: scene.height_map.width,
-        map_height: scene.height_map.height,
-        height_min,
-        height_max,
-        padding: 0,
-    }
-}
-
 /// Coordinates beyond this are refused: kernels multiply three of them, and 1e12 cubed is within a float's range.
 const LARGEST: f32 = 1e12;
 /// Models smaller than this are refused, for the same reason at the other end.
@@ -210,18 +239,24 @@ fn check_extent(boxes: &[Aabb]) -> Result<(), RenderError> {
     Err(RenderError::OutOfRange { min, max })
 }
 
-/// Writes each triangle's own range of heights into it: what its box and its prism are made of.
-fn bound_heights(scene: &mut Scene, features: Features, displacement: Displacement) {
-    let field = HeightField::of_map(&scene.height_map.texels, features, displacement);
-    let vertices = &scene.mesh.vertices;
-    scene.mesh.triangles.par_iter_mut().for_each(|triangle| {
-        (triangle.height_min, triangle.height_max) = height_bounds(&field, vertices, *triangle);
+/// Writes each triangle's own range of heights into it, and each seam's into its table: what boxes and prisms are
+/// made of.
+fn bound_heights(buffers: &mut SceneBuffers, frame: &Frame, features: Features) {
+    let mut triangles = std::mem::take(&mut buffers.triangles);
+    let mut seams = std::mem::take(&mut buffers.seams);
+    let view = buffers.view(frame);
+    let field = HeightField::new(&view, features);
+    triangles.par_iter_mut().for_each(|triangle| {
+        (triangle.height_min, triangle.height_max) = height_bounds(&field, &buffers.vertices, *triangle);
     });
-}
-
-/// The box of each displaced triangle.
-fn prism_boxes(mesh: &Mesh) -> Vec<Aabb> {
-    mesh.triangles.par_iter().map(|&triangle| prism_bounds(&mesh.vertices, triangle)).collect()
+    crate::scene::seams::decide_heights(
+        &field,
+        &buffers.vertices,
+        &triangles,
+        &mut seams,
+        &buffers.seam_sides,
+    );
+    (buffers.triangles, buffers.seams) = (triangles, seams);
 }
 
 /// The lights as the kernels read them.
@@ -238,47 +273,6 @@ fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
     lights.iter().map(point_light).collect()
 }
 
-fn frame(
-    scene: &Scene,
-    settings: &Settings,
-    displacement: Displacement,
-    framing: &Framing,
-    lights: &[PointLight],
-) -> Frame {
-    let count = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
-    let (color_width, color_height) = scene.color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
-    Frame {
-        camera: framing.camera,
-        displacement,
-        width: settings.width,
-        height: settings.height,
-        seed: settings.seed,
-        light_count: count(lights.len()),
-        albedo: ALBEDO,
-        ambient: settings.ambient,
-        background: settings.background.unwrap_or(Vec3::ZERO),
-        background_alpha: if settings.background.is_some() { 1.0 } else { 0.0 },
-        color_width,
-        color_height,
-        triangle_count: count(scene.mesh.triangles.len()),
-        steps_scale: settings.method.many_steps(scene.subdivisions),
-    }
-}
-
-/// The switches that scene and settings need.
-fn features(scene: &Scene, settings: &Settings) -> Features {
-    Features {
-        method: settings.method.id(),
-        shade: settings.shade.id(),
-        shadows: u32::from(settings.shadows),
-        height_format: scene.height_map.format,
-        color_format: scene.color_map.as_ref().map_or(color_format::NONE, |map| map.format),
-        height_wrap: settings.wrap.id(),
-        color_wrap: settings.wrap.id(),
-        counters: u32::from(settings.counting),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -290,10 +284,8 @@ mod tests {
         let builtin = builtin::load("builtin:quilt").expect("built in");
         Scene {
             mesh: builtin.mesh,
-            height_map: builtin.height,
+            reliefs: vec![Relief { map: builtin.height, zero: builtin.zero, scale: builtin.scale }],
             color_map: builtin.color,
-            zero: builtin.zero,
-            scale: builtin.scale,
             subdivisions: 4,
         }
     }
@@ -313,7 +305,7 @@ mod tests {
         let displaced = prepare(quilt(), &small()).expect("framed");
         let volume = |job: &Job| (job.buffers.nodes[0].max - job.buffers.nodes[0].min).element_product();
         assert!(volume(&flat) < 0.01 * volume(&displaced));
-        assert_eq!(flat.frame.displacement.scale, 0.0);
+        assert_eq!(flat.buffers.displacements[0].scale, 0.0);
     }
 
     #[test]

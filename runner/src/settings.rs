@@ -1,13 +1,15 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{method, shade, wrap};
+use emboss_kernels::interface::{method, normals, shade, wrap};
 use glam::Vec3;
 
 /// How displaced triangles are intersected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
+    /// Bounded descent through sub-triangles: exact
+    Quadtree,
     /// The grid walk of Smits, Shirley and Stark 2000
     GridWalk,
     /// Every one of the N² micro-triangles, the slow reference
@@ -20,6 +22,7 @@ impl Method {
     /// Its value for the kernels.
     pub fn id(self) -> u32 {
         match self {
+            Method::Quadtree => method::QUADTREE,
             Method::GridWalk => method::GRID_WALK,
             Method::BruteForce => method::BRUTE_FORCE,
             Method::None => method::NONE,
@@ -30,11 +33,42 @@ impl Method {
     /// (6N) or scans, or 64 base triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
+            Method::Quadtree => 64,
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
             Method::None => 64,
         }
     }
+}
+
+/// Along which direction heights are measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normals {
+    /// The interpolated normal, renormalised: heights keep their meaning on curved bases
+    Normalized,
+    /// The interpolated normal as it is: heights shrink where it is shorter than 1
+    Linear,
+}
+
+impl Normals {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            Normals::Normalized => normals::NORMALIZED,
+            Normals::Linear => normals::LINEAR,
+        }
+    }
+}
+
+/// What becomes of edges and vertices where neighbours disagree on normals, texture coordinates or height maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Weld {
+    /// They are decided once for all neighbours: the surface has no crack
+    On,
+    /// Each triangle goes its own way: seams crack
+    Off,
 }
 
 /// What a pixel shows.
@@ -112,6 +146,10 @@ pub struct Settings {
     pub height: u32,
     /// How displaced triangles are intersected.
     pub method: Method,
+    /// Along which direction heights are measured.
+    pub normals: Normals,
+    /// Whether neighbours that disagree at an edge or a vertex meet without a crack.
+    pub weld: Weld,
     /// What a pixel shows.
     pub shade: Shade,
     /// Whether lights cast shadows.
@@ -144,7 +182,9 @@ impl Default for Settings {
         Settings {
             width: 960,
             height: 720,
-            method: Method::GridWalk,
+            method: Method::Quadtree,
+            normals: Normals::Normalized,
+            weld: Weld::On,
             shade: Shade::Lit,
             shadows: true,
             wrap: Wrap::Repeat,

@@ -2,7 +2,7 @@
 
 use crate::backend::DeviceInfo;
 use crate::render::{Job, Rendering};
-use crate::settings::{Method, Settings, Shade, Wrap};
+use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{FilmPixel, counter};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -54,6 +54,10 @@ pub struct Bytes {
     pub primitives: u64,
     /// Texels of the height map.
     pub height_texels: u64,
+    /// The height map's min/max pyramid.
+    pub height_ranges: u64,
+    /// Seams and their sides.
+    pub seams: u64,
     /// Texels of the colour map.
     pub color_texels: u64,
     /// Lights.
@@ -83,6 +87,8 @@ pub struct Work {
     pub cap_hits: u64,
     /// Prisms scanned because their walk could not be trusted.
     pub scans: u64,
+    /// Sub-triangles of quadtrees tested.
+    pub sub_triangles: u64,
 }
 
 /// The settings that decide how much work there is.
@@ -105,6 +111,10 @@ pub struct SettingsUsed {
     pub seed: u32,
     /// How displaced triangles were intersected.
     pub method: Method,
+    /// Along which direction heights are measured.
+    pub normals: Normals,
+    /// Whether neighbours that disagree meet without a crack.
+    pub weld: Weld,
     /// What pixels show.
     pub shade: Shade,
     /// Whether lights cast shadows.
@@ -125,6 +135,8 @@ impl SettingsUsed {
             samples,
             seed: settings.seed,
             method: settings.method,
+            normals: settings.normals,
+            weld: settings.weld,
             shade: settings.shade,
             shadows: settings.shadows,
             wrap: settings.wrap,
@@ -195,6 +207,8 @@ impl Bytes {
             nodes: bytes(&buffers.nodes),
             primitives: bytes(&buffers.primitives),
             height_texels: bytes(&buffers.height_texels),
+            height_ranges: bytes(&buffers.height_ranges),
+            seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
             lights: bytes(&buffers.lights),
             film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
@@ -215,6 +229,7 @@ impl Work {
             triangles: total(counter::TRIANGLES),
             cap_hits: total(counter::CAP_HITS),
             scans: total(counter::SCANS),
+            sub_triangles: total(counter::SUB_TRIANGLES),
         }
     }
 }

@@ -86,9 +86,9 @@ impl Oracle {
     /// # Panics
     /// Where indices point beyond their buffers, as no scene that the host prepared does.
     pub fn new(buffers: &SceneBuffers, frame: &Frame, features: Features) -> Self {
-        let relief = Relief::new(buffers, &frame.displacement, features);
+        let relief = Relief::new(buffers, &buffers.displacements[0], features);
         let pieces: Vec<Piece> = (0..frame.triangle_count)
-            .map(|base| Piece::new(buffers, &relief, base, frame.displacement.subdivisions))
+            .map(|base| Piece::new(buffers, &relief, base, frame.subdivisions))
             .collect();
         let vertex_error = pieces.iter().fold(0.0, |most, piece| piece.error.max(most));
         Oracle { pieces, vertex_error }
@@ -245,17 +245,16 @@ mod tests {
         let buffers = SceneBuffers {
             vertices: vec![vertex(0.0, 0.0), vertex(4.0, 0.0), vertex(0.0, 4.0)],
             triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
+            displacements: vec![Displacement {
+                scale: 1.0,
+                map_width: 1,
+                map_height: 1,
+                ..Displacement::default()
+            }],
             height_texels: vec![255],
             ..SceneBuffers::default()
         };
-        let displacement = Displacement {
-            scale: 1.0,
-            subdivisions: 2,
-            map_width: 1,
-            map_height: 1,
-            ..Displacement::default()
-        };
-        let frame = Frame { displacement, triangle_count: 1, ..Frame::default() };
+        let frame = Frame { subdivisions: 2, triangle_count: 1, ..Frame::default() };
         Oracle::new(&buffers, &frame, Features::default())
     }
 

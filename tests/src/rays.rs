@@ -51,7 +51,7 @@ impl<'a> RaySource<'a> {
 
     /// Down or up along the interpolated normal at a grid point: through a micro-vertex, or nearly so.
     pub fn along_normal(&mut self) -> Ray {
-        let n = self.job.frame.displacement.subdivisions;
+        let n = self.job.frame.subdivisions;
         let primitive = self.numbers.below(self.job.frame.triangle_count);
         let j = self.numbers.below(n + 1);
         let k = self.numbers.below(n + 1 - j);
@@ -101,7 +101,7 @@ impl<'a> RaySource<'a> {
 
     fn point(&mut self, primitive: u32, w: Vec3) -> Vec3 {
         let (p, normal) = self.base(primitive, w);
-        let displacement = &self.job.frame.displacement;
+        let displacement = &self.job.frame;
         let range = displacement.height_max - displacement.height_min;
         p + normal * (displacement.height_min + range * self.numbers.between(-0.1, 1.1))
     }

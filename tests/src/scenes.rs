@@ -4,10 +4,16 @@ use crate::Numbers;
 use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
-use emboss::scene::{HeightMap, Mesh};
+use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::{Light, Settings, Wrap};
 use emboss_kernels::interface::{PointLight, Vertex, height_format};
 use glam::{Quat, Vec3};
+
+/// A scene whose only relief is displaced by `scale`.
+pub fn scaled(mut scene: Scene, scale: f32) -> Scene {
+    scene.reliefs[0].scale = scale;
+    scene
+}
 
 /// A built-in scene without its colours, subdivided N times and displaced by `scale`.
 ///
@@ -17,7 +23,7 @@ pub fn builtin(name: &str) -> Scene {
     let Some(BuiltinScene { mesh, height, zero, scale, subdivisions, .. }) = builtin::load(name) else {
         panic!("{name} is no built-in scene")
     };
-    Scene { mesh, height_map: height, color_map: None, zero, scale, subdivisions }
+    Scene { mesh, reliefs: vec![Relief { map: height, zero, scale }], color_map: None, subdivisions }
 }
 
 /// Built-in scene `name` in its colours with N = `subdivisions`, and the settings that show it as the command line
@@ -29,10 +35,8 @@ pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> 
     let Some(builtin) = builtin::load(name) else { panic!("{name} is no built-in scene") };
     let scene = Scene {
         mesh: builtin.mesh,
-        height_map: builtin.height,
+        reliefs: vec![Relief { map: builtin.height, zero: builtin.zero, scale: builtin.scale }],
         color_map: builtin.color,
-        zero: builtin.zero,
-        scale: builtin.scale,
         subdivisions,
     };
     let view = View { from: builtin.view, usual_up: builtin.up, ..View::default() };
@@ -86,10 +90,12 @@ pub fn tiles() -> Scene {
     let format = height_format::FLOAT32;
     Scene {
         mesh: Mesh::from_triangles(&vertices, &triangles),
-        height_map: HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
+        reliefs: vec![Relief {
+            map: HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
+            zero: 0.0,
+            scale: 0.1,
+        }],
         color_map: None,
-        zero: 0.0,
-        scale: 0.1,
         subdivisions: 1,
     }
 }
@@ -114,10 +120,12 @@ pub fn random_solid(numbers: &mut Numbers, format: u32, spread: f32) -> Scene {
         .collect();
     Scene {
         mesh: Mesh::from_triangles(&vertices, &triangles),
-        height_map: random_map(numbers, format),
+        reliefs: vec![Relief {
+            map: random_map(numbers, format),
+            zero: numbers.unit(),
+            scale: size * numbers.between(-0.4, 0.4),
+        }],
         color_map: None,
-        zero: numbers.unit(),
-        scale: size * numbers.between(-0.4, 0.4),
         subdivisions: 1 + numbers.below(6),
     }
 }

@@ -4,14 +4,14 @@ use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
 use emboss::backend::{Backend, SceneBuffers};
 use emboss::render::{Job, Scene};
-use emboss::scene::{HeightMap, Mesh};
+use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::Wrap;
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
 use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, Vertex, height_format, method};
 use emboss_kernels::ray::TraversalRay;
-use emboss_kernels::scene::{Features, SceneView};
+use emboss_kernels::scene::Features;
 use emboss_tests::{Numbers, RaySource, scenes};
 use glam::{Quat, Vec3};
 
@@ -52,7 +52,7 @@ fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Int
         .filter(|(_, (left, right))| bytes_of(*left) != bytes_of(*right))
         .collect();
     if let Some((ray, (left, right))) = differences.first() {
-        let n = job.frame.displacement.subdivisions;
+        let n = job.frame.subdivisions;
         let (count, of) = (differences.len(), rays.len());
         panic!("N = {n}: {count} of {of} rays differ, first\n{ray:?}\n{left:?}\n{right:?}");
     }
@@ -133,17 +133,19 @@ fn grid_walk_finds_a_hit_across_a_micro_vertex() {
         let job = scenes::ready(
             Scene {
                 mesh: Mesh::from_triangles(&vertices, &[[0, 1, 2]]),
-                height_map: HeightMap {
-                    width: 1,
-                    height: 1,
-                    format,
-                    texels: texels.clone(),
-                    range: (0.0, 1.0),
-                    replaced: 0,
-                },
+                reliefs: vec![Relief {
+                    map: HeightMap {
+                        width: 1,
+                        height: 1,
+                        format,
+                        texels: texels.clone(),
+                        range: (0.0, 1.0),
+                        replaced: 0,
+                    },
+                    zero: 0.1144588,
+                    scale: -0.14865246,
+                }],
                 color_map: None,
-                zero: 0.1144588,
-                scale: -0.14865246,
                 subdivisions,
             },
             Wrap::Repeat,
@@ -193,16 +195,7 @@ fn leaving_outwards(job: &Job, seed: u64, count: usize) -> Vec<(Intersection, Ra
 /// that it leaves.
 fn hit_again(job: &Job, method: u32, left: &Intersection, ray: &Ray) -> Hit {
     let buffers = &job.buffers;
-    let scene = SceneView {
-        frame: &job.frame,
-        vertices: &buffers.vertices,
-        triangles: &buffers.triangles,
-        nodes: &buffers.nodes,
-        primitives: &buffers.primitives,
-        height_texels: &buffers.height_texels,
-        color_texels: &buffers.color_texels,
-        lights: &buffers.lights,
-    };
+    let scene = buffers.view(&job.frame);
     let left = Hit { t: left.t, primitive: left.primitive, cell: left.cell, b1: left.b1, b2: left.b2 };
     let ray = TraversalRay::new(ray.origin, ray.direction, ray.t_max).leaving(left);
     let features = Features { method, ..job.features };
@@ -220,7 +213,7 @@ fn assert_nothing_in_the_way(scene: Scene, seed: u64, count: usize) {
             .filter(|(_, _, again)| again.is_some())
             .collect();
         if let Some((hit, ray, again)) = hits.first() {
-            let n = job.frame.displacement.subdivisions;
+            let n = job.frame.subdivisions;
             let (count, of) = (hits.len(), left.len());
             panic!("method {method}, N = {n}: {count} of {of}\n{hit:?}\n{ray:?}\n{again:?}");
         }
@@ -232,7 +225,7 @@ fn assert_nothing_in_the_way(scene: Scene, seed: u64, count: usize) {
 fn rays_that_leave_a_cube_hit_nothing() {
     let mut numbers = Numbers::new(3);
     for round in 0..20 {
-        let cube = Scene { scale: 0.0, subdivisions: 1 + round, ..scenes::builtin("builtin:cube") };
+        let cube = scenes::scaled(Scene { subdivisions: 1 + round, ..scenes::builtin("builtin:cube") }, 0.0);
         let (axis, angle) = (numbers.direction(), numbers.between(0.0, 6.0));
         let (rotation, translation) = match round % 3 {
             0 => (Quat::IDENTITY, Vec3::ZERO),
@@ -247,7 +240,7 @@ fn rays_that_leave_a_cube_hit_nothing() {
 #[test]
 fn rays_that_leave_a_plane_hit_nothing() {
     for n in [1, 2, 8, 17] {
-        let quilt = Scene { scale: 0.0, subdivisions: n, ..scenes::builtin("builtin:quilt") };
+        let quilt = scenes::scaled(Scene { subdivisions: n, ..scenes::builtin("builtin:quilt") }, 0.0);
         assert_nothing_in_the_way(quilt, 6, 20_000);
     }
 }

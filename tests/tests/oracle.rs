@@ -52,7 +52,7 @@ fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
     for method in [method::BRUTE_FORCE, method::GRID_WALK] {
         for ((ray, answer), hit) in rays.iter().zip(&answers).zip(traced(job, method, rays)) {
             let context = || {
-                let n = job.frame.displacement.subdivisions;
+                let n = job.frame.subdivisions;
                 format!("method {method}, N = {n}\n{ray:?}\n{hit:?}\n{answer:#?}")
             };
             match answer.judge(&hit) {
@@ -169,7 +169,7 @@ fn edges_and_vertices_let_no_ray_through_from_afar() {
 fn judge_aligned_edges(radii: f32, scale: f32) {
     let mut tally = Tally::default();
     for n in [1, 2, 5] {
-        let tiles = Scene { subdivisions: n, scale, ..scenes::tiles() };
+        let tiles = scenes::scaled(Scene { subdivisions: n, ..scenes::tiles() }, scale);
         let job = scenes::ready(tiles, Wrap::Repeat);
         let mut source = RaySource::new(&job, u64::from(n));
         let rays: Vec<Ray> = (0..3000).map(|_| source.towards_edge(radii)).collect();

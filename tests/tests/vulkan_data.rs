@@ -5,6 +5,7 @@ use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::picture::{Destination, Picture};
 use emboss::render::{Job, Scene};
+use emboss::scene::Relief;
 use emboss::scene::image::{load_color_map, load_height_map};
 use emboss::scene::obj::load_obj;
 use emboss::settings::{Method, Settings};
@@ -40,14 +41,22 @@ fn monsterfrog(data: &Path, subdivisions: u32) -> (Scene, Settings) {
     assert_eq!(mesh.triangles.len(), 2584);
     let height_map = load_height_map(&folder.join("monsterfrog-d.bmp"), 0.5, false).unwrap();
     let color_map = Some(load_color_map(&folder.join("monsterfrog-n.bmp")).unwrap());
-    (Scene { mesh, height_map, color_map, zero: 0.5, scale: 0.5, subdivisions }, square())
+    (
+        Scene {
+            mesh,
+            reliefs: vec![Relief { map: height_map, zero: 0.5, scale: 0.5 }],
+            color_map,
+            subdivisions,
+        },
+        square(),
+    )
 }
 
 /// The built-in quilt with the chesterfield's relief.
 fn chesterfield(data: &Path, subdivisions: u32) -> (Scene, Settings) {
     let (scene, settings) = builtin_scene("builtin:quilt", subdivisions, SIDE, SIDE);
     let height_map = load_height_map(&data.join("chesterfield-height.jpg"), 0.0, false).unwrap();
-    (Scene { height_map, zero: 0.0, scale: 0.4, ..scene }, settings)
+    (Scene { reliefs: vec![Relief { map: height_map, zero: 0.0, scale: 0.4 }], ..scene }, settings)
 }
 
 /// Keeps a picture for people to look at.

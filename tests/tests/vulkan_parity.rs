@@ -6,7 +6,7 @@ use emboss::backend::vulkan::VulkanBackend;
 use emboss::backend::{Backend, Totals};
 use emboss::picture::Picture;
 use emboss::render::{Job, Scene};
-use emboss::scene::{ColorMap, HeightMap};
+use emboss::scene::{ColorMap, HeightMap, Relief};
 use emboss::settings::{Method, Settings, Shade, Wrap};
 use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
@@ -128,7 +128,8 @@ fn height_formats_and_wraps_are_alike() {
     let mut pictures = Vec::new();
     for format in [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32] {
         for wrap in WRAPS {
-            let scene = Scene { height_map: relief(format), scale: 0.1, ..scene.clone() };
+            let map = Relief { map: relief(format), zero: scene.reliefs[0].zero, scale: 0.1 };
+            let scene = Scene { reliefs: vec![map], ..scene.clone() };
             let job = job(scene, &Settings { wrap, shade: Shade::Height, ..settings.clone() });
             pictures.push(assert_alike(&mut backend, &job, &format!("format {format}, {wrap:?}")));
         }

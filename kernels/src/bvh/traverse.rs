@@ -3,7 +3,7 @@
 use crate::aabb::Aabb;
 use crate::counters::Counts;
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::displacement::{brute_force, grid_walk};
+use crate::displacement::{brute_force, grid_walk, quadtree};
 use crate::hit::Hit;
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
 use crate::math::{at, gamma};
@@ -51,7 +51,8 @@ pub fn traverse(
                 let mut i = 0;
                 while i < node.count {
                     let primitive = at(scene.primitives, node.first + i);
-                    nearest = intersect_primitive(scene, features, &field, ray, primitive, nearest, counts);
+                    nearest =
+                        intersect_primitive(scene, features, &field, ray, query, primitive, nearest, counts);
                     i += 1;
                 }
                 if query == Query::Any && nearest.is_some() {
@@ -106,17 +107,21 @@ impl BvhNode {
 
 /// The nearer of `nearest` and the ray's hits on one base triangle, by the method that the features name.
 #[inline]
+#[expect(clippy::too_many_arguments, reason = "the scene, the ray, the query and what it found so far")]
 fn intersect_primitive(
     scene: &SceneView<'_>,
     features: Features,
     field: &HeightField<'_>,
     ray: &TraversalRay,
+    query: Query,
     primitive: u32,
     nearest: Hit,
     counts: &mut Counts,
 ) -> Hit {
-    let base = BaseTriangle::load(scene.vertices, at(scene.triangles, primitive), primitive);
-    if features.method == method::GRID_WALK {
+    let base = BaseTriangle::load(scene, primitive);
+    if features.method == method::QUADTREE {
+        quadtree::intersect(field, &base, ray, nearest, query == Query::Any, counts)
+    } else if features.method == method::GRID_WALK {
         grid_walk::intersect(field, &base, ray, nearest, counts)
     } else if features.method == method::BRUTE_FORCE {
         counts.prisms += 1;

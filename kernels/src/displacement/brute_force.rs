@@ -18,7 +18,7 @@ pub fn intersect(
     nearest: Hit,
     counts: &mut Counts,
 ) -> Hit {
-    let n = field.displacement.subdivisions;
+    let n = field.subdivisions;
     let mut nearest = nearest;
     let mut j = 0;
     while j < n {

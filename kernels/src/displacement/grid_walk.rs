@@ -114,13 +114,13 @@ struct Conic {
 impl Conic {
     #[inline]
     fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay) -> Self {
-        let n = field.displacement.subdivisions;
+        let n = field.subdivisions;
         let v = ray.direction;
         // Normals that spread over a third of the sphere have no proven length: any lift is possible then, the prism
         // counts as folded, and its scan takes every cell.
         let shortest = base.shortest_normal();
         let wild = shortest == 0.0;
-        let (low, high) = base.lift_range(if wild { 1.0 } else { shortest });
+        let (low, high) = base.lift_range(field, if wild { 1.0 } else { shortest });
 
         // Move the origin along the ray to the prism, so that differences are of the prism's size.
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
@@ -787,135 +787,17 @@ fn greatest_dots(m: [Vec3; 3], d: [Vec3; 3]) -> Vec3 {
 mod tests {
     use super::*;
     use crate::displacement::brute_force;
-    use crate::interface::{Displacement, Frame, Triangle, Vertex, height_format, wrap};
+    use crate::displacement::test_prism::{FEATURES, Prism, random_ray};
     use crate::math::tests::Numbers;
-    use crate::scene::{Features, SceneView};
 
-    const FEATURES: Features = Features {
-        method: crate::interface::method::GRID_WALK,
-        shade: 0,
-        shadows: 0,
-        height_format: height_format::FLOAT32,
-        color_format: 0,
-        height_wrap: wrap::REPEAT,
-        color_wrap: 0,
-        counters: 0,
-    };
-
-    /// A prism of random shape under a random 16x16 map.
-    struct Prism {
-        vertices: Vec<Vertex>,
-        triangle: Triangle,
-        texels: Vec<u32>,
-        frame: Frame,
-    }
-
-    impl Prism {
-        /// `spread`: how far vertex normals lean from the triangle's, as a tangent. `relief`: greatest height as a
-        /// share of the edges' length.
-        fn random(numbers: &mut Numbers, n: u32, spread: f32, relief: f32) -> Self {
-            let p = [numbers.vec3(), numbers.vec3(), numbers.vec3()];
-            let normal = (p[1] - p[0]).cross(p[2] - p[0]).normalize();
-            let vertices = p
-                .iter()
-                .map(|&position| Vertex {
-                    position,
-                    normal: (normal + numbers.vec3() * spread).normalize(),
-                    u: numbers.unit() * 2.0,
-                    v: numbers.unit() * 2.0,
-                })
-                .collect();
-            let texels: Vec<f32> = (0..256).map(|_| numbers.unit()).collect();
-            let mut displacement = Displacement {
-                scale: relief * (p[1] - p[0]).length(),
-                zero: numbers.unit(),
-                subdivisions: n,
-                map_width: 16,
-                map_height: 16,
-                ..Displacement::default()
-            };
-            (displacement.height_min, displacement.height_max) =
-                Displacement::height_range(0.0, 1.0, displacement.zero, displacement.scale);
-            Prism {
-                vertices,
-                triangle: Triangle {
-                    vertices: [0, 1, 2],
-                    flags: 0,
-                    height_min: displacement.height_min,
-                    height_max: displacement.height_max,
-                },
-                texels: texels.into_iter().map(f32::to_bits).collect(),
-                frame: Frame { displacement, ..Frame::default() },
-            }
-        }
-
-        fn base(&self) -> BaseTriangle {
-            BaseTriangle::load(&self.vertices, self.triangle, 0)
-        }
-
-        fn view(&self) -> SceneView<'_> {
-            SceneView {
-                frame: &self.frame,
-                vertices: &self.vertices,
-                triangles: &[],
-                nodes: &[],
-                primitives: &[],
-                height_texels: &self.texels,
-                color_texels: &[],
-                lights: &[],
-            }
-        }
-
-        /// Both methods' hits and the walk's counts.
-        fn both(&self, ray: &TraversalRay) -> (Hit, Hit, Counts) {
-            let view = self.view();
-            let field = HeightField::new(&view, FEATURES);
-            let mut counts = Counts::default();
-            let walked = intersect(&field, &self.base(), ray, Hit::NONE, &mut counts);
-            let exact = brute_force::intersect(&field, &self.base(), ray, Hit::NONE, &mut Counts::default());
-            (walked, exact, counts)
-        }
-
-        /// A point over the base triangle, somewhat beyond its rim and its range of heights too.
-        fn target(&self, numbers: &mut Numbers) -> Vec3 {
-            let base = self.base();
-            let (b, c) = (numbers.unit() * 1.4 - 0.2, numbers.unit() * 1.4 - 0.2);
-            let w = Vec3::new(1.0 - b - c, b, c);
-            let d = &self.frame.displacement;
-            let h = d.height_min + (d.height_max - d.height_min) * (numbers.unit() * 1.2 - 0.1);
-            let n = base.n0 * w.x + base.n1 * w.y + base.n2 * w.z;
-            base.p0 * w.x + base.p1 * w.y + base.p2 * w.z + n * h
-        }
-    }
-
-    /// Random rays: from outside, from inside the prism, grazing, and along the interpolated normal.
-    fn random_ray(prism: &Prism, numbers: &mut Numbers) -> TraversalRay {
-        let mut target = prism.target(numbers);
-        let base = prism.base();
-        if numbers.unit() < 0.2 {
-            // A micro-vertex, or the middle of a micro-edge: several micro-triangles are met at once.
-            let n = prism.frame.displacement.subdivisions;
-            let j = (numbers.unit() * n as f32) as u32;
-            let k = (numbers.unit() * (n - j) as f32) as u32;
-            let view = prism.view();
-            let field = HeightField::new(&view, FEATURES);
-            let a = base.micro_vertex(&field, j, k).position;
-            let b = base.micro_vertex(&field, j, k + 1).position;
-            target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };
-        }
-        let kind = numbers.unit();
-        let origin = if kind < 0.3 {
-            target + numbers.vec3() * 10.0
-        } else if kind < 0.6 {
-            prism.target(numbers)
-        } else if kind < 0.8 {
-            let along = (base.p1 - base.p0) * numbers.unit() + (base.p2 - base.p0) * numbers.unit();
-            target + along * 3.0 + base.n0 * (0.1 * numbers.unit())
-        } else {
-            let n = (base.n0 + base.n1 * numbers.unit() + base.n2 * numbers.unit()).normalize();
-            target + n * 5.0 + numbers.vec3() * if numbers.unit() < 0.5 { 0.0 } else { 0.01 }
-        };
-        TraversalRay::new(origin, (target - origin).normalize(), f32::INFINITY)
+    /// Both methods' hits and the walk's counts.
+    fn both(prism: &Prism, ray: &TraversalRay) -> (Hit, Hit, Counts) {
+        let view = prism.view();
+        let field = HeightField::new(&view, FEATURES);
+        let mut counts = Counts::default();
+        let walked = intersect(&field, &prism.base(), ray, Hit::NONE, &mut counts);
+        let exact = brute_force::intersect(&field, &prism.base(), ray, Hit::NONE, &mut Counts::default());
+        (walked, exact, counts)
     }
 
     /// Walks and brute force on `count` prisms with 20 rays each, a fifth aimed at micro-vertices and micro-edges, a
@@ -929,7 +811,7 @@ mod tests {
             let prism = Prism::random(&mut numbers, n, spread, relief);
             for _ in 0..20 {
                 let ray = random_ray(&prism, &mut numbers);
-                let (walked, exact, counts) = prism.both(&ray);
+                let (walked, exact, counts) = both(&prism, &ray);
                 total.prisms += counts.prisms;
                 total.scans += counts.scans;
                 total.cap_hits += counts.cap_hits;

@@ -3,5 +3,8 @@
 pub mod brute_force;
 pub mod cell;
 pub mod grid_walk;
-pub mod height_bounds;
+pub mod height_pyramid;
+pub mod quadtree;
 pub mod surface;
+#[cfg(test)]
+pub(crate) mod test_prism;

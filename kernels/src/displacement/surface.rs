@@ -4,7 +4,7 @@ use crate::aabb::Aabb;
 use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::hit::Hit;
-use crate::interface::{Displacement, FLIPPED, Triangle, Vertex};
+use crate::interface::{Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Triangle, normals};
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
@@ -12,48 +12,70 @@ use crate::texture::{height_texel, sample_height};
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
-/// The height field over the base mesh: h(t) = scale (texel(t) - zero).
+/// The height field over the base mesh: h(t) = scale (texel(t) - zero), each base triangle by its own map.
 #[derive(Clone, Copy)]
 pub struct HeightField<'a> {
-    texels: &'a [u32],
-    format: u32,
-    /// How it goes on beyond its border: see [`wrap`](crate::interface::wrap).
+    /// The maps' texels.
+    pub texels: &'a [u32],
+    /// The maps' min/max pyramids.
+    pub ranges: &'a [u32],
+    displacements: &'a [Displacement],
+    seams: &'a [Seams],
+    seam_sides: &'a [SeamSide],
+    /// How texels are stored: see [`height_format`](crate::interface::height_format).
+    pub format: u32,
+    /// How maps go on beyond their borders: see [`wrap`](crate::interface::wrap).
     pub wrap: u32,
-    /// Scale, zero, N and the size of the map.
-    pub displacement: Displacement,
+    /// Whether directions are unit vectors: see [`normals`].
+    pub normals: u32,
+    /// N: parts of each side of a base triangle.
+    pub subdivisions: u32,
+    /// Whether any triangle has seams.
+    welded: bool,
 }
 
 impl<'a> HeightField<'a> {
     /// The height field of a scene.
     #[inline]
     pub fn new(scene: &SceneView<'a>, features: Features) -> Self {
-        Self::of_map(scene.height_texels, features, scene.frame.displacement)
+        HeightField {
+            texels: scene.height_texels,
+            ranges: scene.height_ranges,
+            displacements: scene.displacements,
+            seams: scene.seams,
+            seam_sides: scene.seam_sides,
+            format: features.height_format,
+            wrap: features.height_wrap,
+            normals: features.normals,
+            subdivisions: scene.frame.subdivisions,
+            welded: features.seams != 0,
+        }
     }
 
-    /// The height field of a packed map, before there is a scene.
+    /// Map number `i`.
     #[inline]
-    pub fn of_map(texels: &'a [u32], features: Features, displacement: Displacement) -> Self {
-        HeightField { texels, format: features.height_format, wrap: features.height_wrap, displacement }
+    pub fn displacement(&self, i: u32) -> Displacement {
+        at(self.displacements, i)
     }
 
-    /// Texel `i` of the map, the first at the top left.
+    /// Texel `i` of a map, the first at the top left.
     #[inline]
-    pub fn texel(&self, i: u32) -> f32 {
-        height_texel(self.texels, self.format, i)
+    pub fn texel(&self, map: &Displacement, i: u32) -> f32 {
+        height_texel(self.texels, self.format, map.first_word, i)
     }
 
-    /// Height in model units at texture coordinates `uv`, which must be finite.
+    /// Height in model units that a map gives at texture coordinates `uv`, which must be finite.
     #[inline]
-    pub fn height(&self, uv: Vec2) -> f32 {
-        let d = &self.displacement;
-        let texel = sample_height(self.texels, self.format, self.wrap, d.map_width, d.map_height, uv);
-        d.scale * (texel - d.zero)
+    pub fn height(&self, map: &Displacement, uv: Vec2) -> f32 {
+        let texel = sample_height(self.texels, self.format, self.wrap, map, uv);
+        map.scale * (texel - map.zero)
     }
 }
 
 impl Displacement {
-    /// Bounds on every height that a map with texels in [`lowest`, `highest`] can give: rounded outward by the
-    /// errors of the bilinear filter (3 ulp, see [`sample_height`]) and of the two operations after it.
+    /// Bounds on every height that texels in [`lowest`, `highest`] can give: rounded outward by the errors of the
+    /// bilinear filter (3 ulp, see [`sample_height`]) and of the two operations after it.
+    #[inline]
     pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
         let (a, b) = (scale * (lowest - zero), scale * (highest - zero));
         let magnitude = lowest.abs().max(highest.abs()) + zero.abs();
@@ -87,10 +109,14 @@ pub struct BaseTriangle {
     pub t1: Vec2,
     /// Texture coordinates of vertex 2.
     pub t2: Vec2,
-    /// Least height over it.
+    /// Least height of its own field over it.
     pub height_min: f32,
-    /// Greatest height over it.
+    /// Greatest height of its own field.
     pub height_max: f32,
+    /// Index of its height map.
+    pub displacement: u32,
+    /// Index of its [`Seams`], or [`NO_SEAMS`].
+    pub seams: u32,
 }
 
 /// A vertex of the surface, over a point of the base triangle's grid.
@@ -98,18 +124,33 @@ pub struct BaseTriangle {
 pub struct MicroVertex {
     /// Where it is: `p + lift * n`, p and n interpolated linearly over the base triangle.
     pub position: Vec3,
-    /// Its height divided by the length of the interpolated normal n: 0 where n is zero, since there is no
-    /// direction to displace in.
+    /// How many times n it is lifted by. Normalised directions: its height divided by the length of n, 0 where n is
+    /// zero, since there is no direction to displace in. Linear directions: its height.
     pub lift: f32,
+}
+
+/// Along which direction a micro-vertex is displaced, and whose heights it takes.
+#[derive(Clone, Copy)]
+struct Site {
+    direction: Vec3,
+    /// Sides of a seam to take the mean of: none at a decided corner.
+    side_count: u32,
+    first_side: u32,
+    /// The decided height.
+    height: f32,
+    /// Parameter along the seam, from its start, as weights of start and end.
+    along: Vec2,
+    on_seam: bool,
 }
 
 impl BaseTriangle {
     /// Reads base triangle `primitive`.
     #[inline]
-    pub fn load(vertices: &[Vertex], triangle: Triangle, primitive: u32) -> Self {
-        let a = at(vertices, triangle.vertices[0]);
-        let b = at(vertices, triangle.vertices[1]);
-        let c = at(vertices, triangle.vertices[2]);
+    pub fn load(scene: &SceneView<'_>, primitive: u32) -> Self {
+        let triangle: Triangle = at(scene.triangles, primitive);
+        let a = at(scene.vertices, triangle.vertices[0]);
+        let b = at(scene.vertices, triangle.vertices[1]);
+        let c = at(scene.vertices, triangle.vertices[2]);
         BaseTriangle {
             primitive,
             flipped: triangle.flags & FLIPPED != 0,
@@ -124,6 +165,8 @@ impl BaseTriangle {
             t2: Vec2::new(c.u, c.v),
             height_min: triangle.height_min,
             height_max: triangle.height_max,
+            displacement: triangle.displacement,
+            seams: triangle.seams,
         }
     }
 
@@ -133,19 +176,115 @@ impl BaseTriangle {
         interpolate2(w, self.t0, self.t1, self.t2)
     }
 
+    /// Whether some of its border is decided with its neighbours.
+    #[inline]
+    pub fn has_seams(&self, field: &HeightField<'_>) -> bool {
+        field.welded && self.seams != NO_SEAMS
+    }
+
+    /// Its seams; there must be some.
+    #[inline]
+    pub fn seams(&self, field: &HeightField<'_>) -> Seams {
+        at(field.seams, self.seams)
+    }
+
     /// The micro-vertex over grid point (j, k).
     ///
     /// Every operation is fused or fixed in order, and [`interpolate`] drops the vertex across an edge, so both
-    /// base triangles at an edge compute its micro-vertices to the same bits wherever they share the vertices.
+    /// base triangles at an edge compute its micro-vertices to the same bits: from the vertices where they share them,
+    /// from [`Seams`] where they do not.
     #[inline]
     pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> MicroVertex {
-        let w = grid_point(j, k, field.displacement.subdivisions);
+        let n = field.subdivisions;
+        let w = grid_point(j, k, n);
         let p = interpolate(w, self.p0, self.p1, self.p2);
-        let n = interpolate(w, self.n0, self.n1, self.n2);
-        let h = field.height(self.uv(w));
-        let length = sqrt(dot(n, n));
-        let lift = if length > 0.0 { h / length } else { 0.0 };
-        MicroVertex { position: fma3(lift, n, p), lift }
+        let mut site = Site {
+            direction: interpolate(w, self.n0, self.n1, self.n2),
+            side_count: 1,
+            first_side: 0,
+            height: 0.0,
+            along: Vec2::ZERO,
+            on_seam: false,
+        };
+        if self.has_seams(field) && (j == 0 || k == 0 || j + k == n) {
+            site = self.site_on_border(field, w, site);
+        }
+        // A loop, so that the code of a height stands in a kernel once: one side, its own, away from seams.
+        let mut sum = 0.0;
+        let mut i = 0;
+        while i < site.side_count {
+            let (uv, map) = if site.on_seam {
+                let side = at(field.seam_sides, site.first_side + i);
+                let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
+                (interpolate2(site.along.extend(0.0), start, end, Vec2::ZERO), side.displacement)
+            } else {
+                (self.uv(w), self.displacement)
+            };
+            sum += field.height(&field.displacement(map), uv);
+            i += 1;
+        }
+        let h = if site.on_seam {
+            sum / site.side_count as f32
+        } else if site.side_count == 0 {
+            site.height
+        } else {
+            sum
+        };
+        let lift = if field.normals == normals::LINEAR {
+            h
+        } else {
+            let length = sqrt(dot(site.direction, site.direction));
+            if length > 0.0 { h / length } else { 0.0 }
+        };
+        MicroVertex { position: fma3(lift, site.direction, p), lift }
+    }
+
+    /// What decides the micro-vertex at `w`, a point of the triangle's border.
+    #[inline]
+    fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, inner: Site) -> Site {
+        let seams = self.seams(field);
+        let corner = if w.x == 1.0 {
+            0
+        } else if w.y == 1.0 {
+            1
+        } else if w.z == 1.0 {
+            2
+        } else {
+            3
+        };
+        if corner < 3 {
+            if seams.flags >> corner & 1 != 0 {
+                let direction = seams.direction(corner);
+                let height = component(seams.heights, corner);
+                return Site { direction, side_count: 0, height, ..inner };
+            }
+            return inner;
+        }
+        let edge = if w.x == 0.0 {
+            0
+        } else if w.y == 0.0 {
+            1
+        } else {
+            2
+        };
+        if seams.flags >> (3 + edge) & 1 == 0 {
+            return inner;
+        }
+        Site {
+            direction: interpolate(w, seams.direction(0), seams.direction(1), seams.direction(2)),
+            side_count: component_u(seams.side_count, edge),
+            first_side: component_u(seams.first_side, edge),
+            height: 0.0,
+            // The seam starts at the lower of its vertices, which is stored first.
+            along: if edge == 0 {
+                Vec2::new(w.y, w.z)
+            } else if edge == 1 {
+                Vec2::new(w.x, w.z)
+            } else {
+                Vec2::new(w.x, w.y)
+            },
+            on_seam: true,
+        }
     }
 
     /// The three micro-vertices of a cell, in its order.
@@ -203,51 +342,174 @@ impl BaseTriangle {
         if squared > 0.01 { sqrt(squared) * (1.0 - 2e-5) } else { 0.0 }
     }
 
-    /// Bounds on the lift of every micro-vertex: heights widened by 1 / min |n| (DESIGN's hull for normalised
-    /// directions). `shortest` is a positive [`shortest_normal`](Self::shortest_normal).
+    /// Bounds on the lift of every micro-vertex whose height is its own field's: heights as they are for linear
+    /// directions, widened by 1 / min |n| for normalised ones (DESIGN's hull). `shortest` is a positive
+    /// [`shortest_normal`](Self::shortest_normal).
     #[inline]
-    pub fn lift_range(&self, shortest: f32) -> (f32, f32) {
+    pub fn lift_range(&self, field: &HeightField<'_>, shortest: f32) -> (f32, f32) {
         let (low, high) = (self.height_min, self.height_max);
-        (low.min(low / shortest), high.max(high / shortest))
+        if field.normals == normals::LINEAR {
+            (low, high)
+        } else {
+            (low.min(low / shortest), high.max(high / shortest))
+        }
     }
 
-    /// A box that holds every micro-triangle with heights in the triangle's range.
+    /// A box that holds every micro-triangle.
     ///
-    /// Two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of the lift's range
-    /// (every displaced point is a convex combination of them), and the base triangle's box grown by the greatest
-    /// height (directions are unit vectors). Padded by what rounding can move a micro-vertex.
-    pub fn bounds(&self) -> Aabb {
+    /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
+    /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
+    /// the greatest height (directions are no longer than unit vectors). Seams add the hulls of four points each, or
+    /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex.
+    pub fn bounds(&self, field: &HeightField<'_>) -> Aabb {
         let reach = self.height_min.abs().max(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
-        // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
-        // result of some 6 operations of which Vulkan allows two (division, root) 2.5 ulp: below 24 u in all.
-        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
-        let rounding = 24.0 * UNIT_ROUNDOFF * (magnitude + reach);
         let grown = flat.padded(reach);
         let shortest = self.shortest_normal();
-        if shortest == 0.0 {
-            return grown.padded(rounding);
+        let mut bounds = grown;
+        if shortest > 0.0 || field.normals == normals::LINEAR {
+            let (low, high) = self.lift_range(field, shortest);
+            let hull = Aabb::EMPTY
+                .including(self.p0 + self.n0 * low)
+                .including(self.p1 + self.n1 * low)
+                .including(self.p2 + self.n2 * low)
+                .including(self.p0 + self.n0 * high)
+                .including(self.p1 + self.n1 * high)
+                .including(self.p2 + self.n2 * high);
+            bounds = hull.intersection(grown);
         }
-        let (low, high) = self.lift_range(shortest);
-        let hull = Aabb::EMPTY
-            .including(self.p0 + self.n0 * low)
-            .including(self.p1 + self.n1 * low)
-            .including(self.p2 + self.n2 * low)
-            .including(self.p0 + self.n0 * high)
-            .including(self.p1 + self.n1 * high)
-            .including(self.p2 + self.n2 * high);
-        hull.intersection(grown).padded(rounding)
+        if self.has_seams(field) {
+            let seams = self.seams(field);
+            for e in 0..3 {
+                let (a, b) = (self.position((e + 1) % 3), self.position((e + 2) % 3));
+                if seams.flags >> e & 1 != 0 {
+                    let height = component(seams.heights, e);
+                    bounds = bounds.including(self.position(e) + seams.direction(e) * height);
+                }
+                if seams.flags >> (3 + e) & 1 != 0 {
+                    let (low, high) = seams.lift_range(field, e);
+                    let (from, to) = (seams.direction((e + 1) % 3), seams.direction((e + 2) % 3));
+                    let hull = Aabb::EMPTY
+                        .including(a + from * low)
+                        .including(b + to * low)
+                        .including(a + from * high)
+                        .including(b + to * high);
+                    let wide = low.abs().max(high.abs());
+                    let grown = Aabb::EMPTY.including(a).including(b).padded(wide);
+                    let seam = if seams.directions_spread(field, e) { grown } else { hull };
+                    bounds = bounds.including(seam.min).including(seam.max);
+                }
+            }
+        }
+        // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
+        // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all.
+        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        bounds.padded(28.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
+    }
+
+    /// The greatest height of any micro-vertex, up or down.
+    #[inline]
+    pub fn reach(&self, field: &HeightField<'_>) -> f32 {
+        let mut reach = self.height_min.abs().max(self.height_max.abs());
+        if self.has_seams(field) {
+            let seams = self.seams(field);
+            let mut e = 0;
+            while e < 3 {
+                let seam = component(seams.height_min, e).abs().max(component(seams.height_max, e).abs());
+                reach = reach.max(seam).max(component(seams.heights, e).abs());
+                e += 1;
+            }
+        }
+        reach
+    }
+
+    /// Position of vertex e = 0, 1 or 2.
+    #[inline]
+    pub fn position(&self, e: u32) -> Vec3 {
+        if e == 0 {
+            self.p0
+        } else if e == 1 {
+            self.p1
+        } else {
+            self.p2
+        }
     }
 }
 
-/// [`BaseTriangle::bounds`] of a stored triangle.
-pub fn prism_bounds(vertices: &[Vertex], triangle: Triangle) -> Aabb {
-    BaseTriangle::load(vertices, triangle, 0).bounds()
+impl Seams {
+    /// Displacement direction at corner e = 0, 1 or 2.
+    #[inline]
+    pub fn direction(&self, e: u32) -> Vec3 {
+        Vec3::from_array(if e == 0 {
+            self.directions[0]
+        } else if e == 1 {
+            self.directions[1]
+        } else {
+            self.directions[2]
+        })
+    }
+
+    /// Square of a lower bound on the length of directions interpolated along edge `e`: two unit vectors of cosine c
+    /// leave sqrt((1 + c) / 2). Zero directions leave less: their bound is not above the threshold below either.
+    #[inline]
+    fn shortest_squared(&self, e: u32) -> f32 {
+        let (a, b) = (self.direction((e + 1) % 3), self.direction((e + 2) % 3));
+        let whole = dot(a, a).min(dot(b, b));
+        if whole < 0.5 { 0.0 } else { 0.5 + 0.5 * dot(a, b) }
+    }
+
+    /// Whether directions along edge `e` may vanish, so that lifts are not bounded.
+    #[inline]
+    pub fn directions_spread(&self, field: &HeightField<'_>, e: u32) -> bool {
+        field.normals != normals::LINEAR && !(self.shortest_squared(e) > 0.01)
+    }
+
+    /// Bounds on the lift of every micro-vertex on edge `e`, a seam; its range of heights where directions spread.
+    #[inline]
+    pub fn lift_range(&self, field: &HeightField<'_>, e: u32) -> (f32, f32) {
+        let (low, high) = (component(self.height_min, e), component(self.height_max, e));
+        if field.normals == normals::LINEAR || self.directions_spread(field, e) {
+            return (low, high);
+        }
+        // As in `BaseTriangle::shortest_normal`, what rounding takes is a relative 1e-5.
+        let shortest = sqrt(self.shortest_squared(e)) * (1.0 - 2e-5);
+        (low.min(low / shortest), high.max(high / shortest))
+    }
+}
+
+/// Component 0, 1 or 2.
+#[inline]
+fn component(v: [f32; 3], i: u32) -> f32 {
+    if i == 0 {
+        v[0]
+    } else if i == 1 {
+        v[1]
+    } else {
+        v[2]
+    }
+}
+
+/// Component 0, 1 or 2.
+#[inline]
+fn component_u(v: [u32; 3], i: u32) -> u32 {
+    if i == 0 {
+        v[0]
+    } else if i == 1 {
+        v[1]
+    } else {
+        v[2]
+    }
+}
+
+/// [`BaseTriangle::bounds`] of a base triangle.
+pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -> Aabb {
+    BaseTriangle::load(scene, primitive).bounds(&HeightField::new(scene, features))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::interface::Vertex;
     use crate::math::tests::Numbers;
     use crate::test_scene::{FLAT, TestScene};
 
@@ -265,8 +527,9 @@ mod tests {
             })
             .collect();
         let texels: Vec<f32> = (0..64).map(|_| numbers.unit()).collect();
-        let d = &mut scene.frame.displacement;
-        (d.map_width, d.map_height, d.subdivisions) = (8, 8, 1 + (numbers.unit() * 16.0) as u32);
+        scene.frame.subdivisions = 1 + (numbers.unit() * 16.0) as u32;
+        let d = &mut scene.displacements[0];
+        (d.map_width, d.map_height) = (8, 8);
         (d.scale, d.zero) = (numbers.wide().clamp(-2.0, 2.0) * size, numbers.unit());
         (d.height_min, d.height_max) = Displacement::height_range(0.0, 1.0, d.zero, d.scale);
         for t in &mut scene.triangles {
@@ -283,9 +546,9 @@ mod tests {
             let scene = random_scene(&mut numbers, [0.0, 0.1, 0.5, 2.0, 100.0][round % 5]);
             let view = scene.view();
             let field = HeightField::new(&view, FLAT);
-            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
-            let bounds = base.bounds();
-            let n = scene.frame.displacement.subdivisions;
+            let base = BaseTriangle::load(&scene.view(), 0);
+            let bounds = base.bounds(&field);
+            let n = scene.frame.subdivisions;
             for j in 0..=n {
                 for k in 0..=n - j {
                     let q = base.micro_vertex(&field, j, k).position;
@@ -304,7 +567,7 @@ mod tests {
         let mut proven = 0;
         for _ in 0..20_000 {
             let scene = random_scene(&mut numbers, 3.0);
-            let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+            let base = BaseTriangle::load(&scene.view(), 0);
             let shortest = base.shortest_normal();
             proven += u32::from(shortest > 0.0);
             for _ in 0..20 {
@@ -321,12 +584,12 @@ mod tests {
     fn opposite_normals_do_not_displace_where_they_cancel() {
         let mut scene = TestScene::squares(&[0.0]);
         (scene.vertices[0].normal, scene.vertices[1].normal) = (Vec3::Z, -Vec3::Z);
-        scene.frame.displacement.subdivisions = 2;
-        scene.frame.displacement.scale = -1.0;
-        scene.frame.displacement.zero = 1.0;
+        scene.frame.subdivisions = 2;
+        scene.displacements[0].scale = -1.0;
+        scene.displacements[0].zero = 1.0;
         let view = scene.view();
         let field = HeightField::new(&view, FLAT);
-        let base = BaseTriangle::load(&scene.vertices, scene.triangles[0], 0);
+        let base = BaseTriangle::load(&scene.view(), 0);
         assert_eq!(base.shortest_normal(), 0.0);
         // Halfway along the edge from vertex 0 to vertex 1.
         let middle = base.micro_vertex(&field, 1, 0);
@@ -343,10 +606,10 @@ mod tests {
             let field = HeightField::new(&view, FLAT);
             let texels = scene.height_texels.iter().map(|&t| f32::from_bits(t));
             let (low, high) = texels.fold((1.0_f32, 0.0_f32), |(a, b), t| (a.min(t), b.max(t)));
-            let d = &scene.frame.displacement;
+            let d = &scene.displacements[0];
             let (min, max) = Displacement::height_range(low, high, d.zero, d.scale);
             for _ in 0..20 {
-                let h = field.height(Vec2::new(numbers.wide(), numbers.unit()));
+                let h = field.height(d, Vec2::new(numbers.wide(), numbers.unit()));
                 assert!(h >= min && h <= max, "{h} {min} {max}");
             }
         }

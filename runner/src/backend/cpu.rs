@@ -89,14 +89,15 @@ impl Backend for CpuBackend {
         sample: u32,
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, BackendError> {
-        let scene = view(&self.scene, &self.frame);
+        let scene = self.scene.view(&self.frame);
         let pass = Pass { scene, features: self.features, sample };
         let counted = self.features.counters != 0;
         // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
         let (flow, totals) = match self.features.method {
             method::NONE => pass.run::<{ method::NONE }>(&mut self.film, progress),
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(&mut self.film, progress),
-            _ => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
+            method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
+            _ => pass.run::<{ method::QUADTREE }>(&mut self.film, progress),
         };
         add_totals(&mut self.totals, &totals, counted);
         Ok(flow)
@@ -119,7 +120,7 @@ impl Backend for CpuBackend {
 
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
         let mut hits = reserved("intersections", rays.len())?;
-        let (scene, features) = (view(&self.scene, &self.frame), self.features);
+        let (scene, features) = (self.scene.view(&self.frame), self.features);
         rays.par_iter()
             .map(|&ray| {
                 let mut counts = Counts::default();
@@ -217,20 +218,6 @@ impl Pass<'_> {
     }
 }
 
-/// The buffers as the kernels see them.
-fn view<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> SceneView<'a> {
-    SceneView {
-        frame,
-        vertices: &scene.vertices,
-        triangles: &scene.triangles,
-        nodes: &scene.nodes,
-        primitives: &scene.primitives,
-        height_texels: &scene.height_texels,
-        color_texels: &scene.color_texels,
-        lights: &scene.lights,
-    }
-}
-
 /// Adds a pixel's counts.
 fn add_counts(totals: &mut Totals, counts: Counts) {
     for (total, count) in totals.iter_mut().zip(counts.to_array()) {
@@ -274,7 +261,11 @@ fn copy_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
         triangles: copied("triangles", &scene.triangles)?,
         nodes: copied("BVH nodes", &scene.nodes)?,
         primitives: copied("BVH primitives", &scene.primitives)?,
-        height_texels: copied("the height map", &scene.height_texels)?,
+        displacements: copied("the height maps", &scene.displacements)?,
+        height_texels: copied("the height maps", &scene.height_texels)?,
+        height_ranges: copied("the height maps' pyramids", &scene.height_ranges)?,
+        seams: copied("the seams", &scene.seams)?,
+        seam_sides: copied("the seams", &scene.seam_sides)?,
         color_texels: copied("the colour map", &scene.color_texels)?,
         lights: copied("lights", &scene.lights)?,
     })

@@ -4,11 +4,12 @@ pub mod cpu;
 pub mod select;
 pub mod vulkan;
 
+use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
-    BvhNode, Frame, Intersection, MAX_SUBDIVISIONS, PointLight, Ray, Triangle, Vertex, color_format, counter,
-    height_format, method,
+    BvhNode, Displacement, Frame, Intersection, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide, Seams,
+    Triangle, Vertex, color_format, counter, height_format, method,
 };
-use emboss_kernels::scene::Features;
+use emboss_kernels::scene::{Features, SceneView};
 use glam::Vec4;
 use std::ops::ControlFlow;
 
@@ -23,8 +24,16 @@ pub struct SceneBuffers {
     pub nodes: Vec<BvhNode>,
     /// Triangle indices in the order of the BVH's leaves.
     pub primitives: Vec<u32>,
-    /// Packed height map.
+    /// How the height maps displace.
+    pub displacements: Vec<Displacement>,
+    /// Packed height maps.
     pub height_texels: Vec<u32>,
+    /// Their pyramids.
+    pub height_ranges: Vec<u32>,
+    /// Where neighbours disagree.
+    pub seams: Vec<Seams>,
+    /// The sides of seams.
+    pub seam_sides: Vec<SeamSide>,
     /// Packed colour map.
     pub color_texels: Vec<u32>,
     /// Lights.
@@ -32,6 +41,24 @@ pub struct SceneBuffers {
 }
 
 impl SceneBuffers {
+    /// The buffers as kernels see them.
+    pub fn view<'a>(&'a self, frame: &'a Frame) -> SceneView<'a> {
+        SceneView {
+            frame,
+            vertices: &self.vertices,
+            triangles: &self.triangles,
+            nodes: &self.nodes,
+            primitives: &self.primitives,
+            displacements: &self.displacements,
+            height_texels: &self.height_texels,
+            height_ranges: &self.height_ranges,
+            seams: &self.seams,
+            seam_sides: &self.seam_sides,
+            color_texels: &self.color_texels,
+            lights: &self.lights,
+        }
+    }
+
     /// Checks every index that kernels follow without looking: a device build reads beyond a buffer without a word.
     /// What a kernel reads on the strength of `frame` and `features` is checked with them.
     pub fn check(&self, frame: &Frame, features: Features) -> Result<(), BackendError> {
@@ -39,12 +66,29 @@ impl SceneBuffers {
         let map_words = |width: u32, height: u32, words_for: fn(u64) -> u64| {
             words_for(u64::from(width) * u64::from(height))
         };
-        let d = &frame.displacement;
-        let height_words = match features.height_format {
-            height_format::UNORM8 => map_words(d.map_width, d.map_height, |texels| texels.div_ceil(4)),
-            height_format::UNORM16 => map_words(d.map_width, d.map_height, |texels| texels.div_ceil(2)),
-            _ => map_words(d.map_width, d.map_height, |texels| texels),
+        let texel_words = |map: &Displacement| match features.height_format {
+            height_format::UNORM8 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(4)),
+            height_format::UNORM16 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(2)),
+            _ => map_words(map.map_width, map.map_height, |texels| texels),
         };
+        let within = |first: u32, words: u64, length: usize| u64::from(first) + words <= length as u64;
+        let map_is_sound = |map: &Displacement| {
+            let words = texel_words(map);
+            words > 0
+                && within(map.first_word, words, self.height_texels.len())
+                && within(
+                    map.first_range,
+                    pyramid_words(features.height_format, map.map_width, map.map_height).into(),
+                    self.height_ranges.len(),
+                )
+        };
+        let seams_are_sound = |seams: &Seams| {
+            let ends = seams.first_side.iter().zip(&seams.side_count);
+            ends.into_iter().all(|(&first, &count)| within(first, count.into(), self.seam_sides.len()))
+        };
+        let maps = self.displacements.len();
+        let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
+        let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
         let color_words = match features.color_format {
             color_format::NONE => 0,
             color_format::SRGB8 => map_words(frame.color_width, frame.color_height, |texels| 256 + texels),
@@ -64,9 +108,17 @@ impl SceneBuffers {
             "a BVH node's children or primitives are not there"
         } else if frame.light_count as usize > self.lights.len() {
             "there are fewer lights than the frame says"
-        } else if displaced && (height_words == 0 || height_words > self.height_texels.len() as u64) {
+        } else if traced && !self.triangles.iter().all(names_a_map) {
+            "a triangle names a height map that is not there"
+        } else if traced && !self.displacements.iter().all(map_is_sound) {
             "the height map has fewer texels than its size says"
-        } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&d.subdivisions) {
+        } else if displaced && features.seams != 0 && !self.triangles.iter().all(names_seams) {
+            "a triangle names seams that are not there"
+        } else if displaced && features.seams != 0 && !self.seams.iter().all(seams_are_sound) {
+            "a seam names sides that are not there"
+        } else if !self.seam_sides.iter().all(|side| (side.displacement as usize) < maps) {
+            "a seam's side names a height map that is not there"
+        } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
         } else if traced && color_words > self.color_texels.len() as u64 {
             "the colour map has fewer texels than its size says"
@@ -217,24 +269,30 @@ mod tests {
         let scene = SceneBuffers {
             vertices: vec![Vertex::default(); 3],
             triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
+            seams: vec![Seams { side_count: [1, 0, 0], ..Seams::default() }],
+            seam_sides: vec![SeamSide::default()],
+            displacements: vec![Displacement { map_width: 3, map_height: 3, ..Displacement::default() }],
+            height_ranges: vec![0; pyramid_words(height_format::UNORM8, 3, 3) as usize],
             nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
             primitives: vec![0],
             height_texels: vec![0; 3],
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
         };
-        let displacement =
-            Displacement { map_width: 3, map_height: 3, subdivisions: 1, ..Displacement::default() };
         let frame = Frame {
-            displacement,
+            subdivisions: 1,
             triangle_count: 1,
             light_count: 1,
             color_width: 3,
             color_height: 3,
             ..Frame::default()
         };
-        let features =
-            Features { method: method::GRID_WALK, color_format: color_format::SRGB8, ..Features::default() };
+        let features = Features {
+            method: method::QUADTREE,
+            color_format: color_format::SRGB8,
+            seams: 1,
+            ..Features::default()
+        };
         (scene, frame, features)
     }
 
@@ -248,15 +306,21 @@ mod tests {
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 9] = [
+        let breaks: [(&str, Break); 15] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
             ("a triangle", |scene, _| scene.primitives[0] = 1),
             ("BVH node", |scene, _| scene.nodes[0].count = 2),
             ("BVH node", |scene, _| scene.nodes[0].count = 0),
             ("BVH node", |scene, _| scene.nodes.clear()),
             ("lights", |_, frame| frame.light_count = 2),
-            ("height map", |_, frame| frame.displacement.map_width = 5),
-            ("N is not", |_, frame| frame.displacement.subdivisions = 0),
+            ("fewer texels", |scene, _| scene.displacements[0].map_width = 5),
+            ("fewer texels", |scene, _| scene.displacements[0].first_word = 1),
+            ("fewer texels", |scene, _| scene.displacements[0].first_range = 1),
+            ("triangle names a height map", |scene, _| scene.triangles[0].displacement = 1),
+            ("names seams", |scene, _| scene.triangles[0].seams = 1),
+            ("names sides", |scene, _| scene.seams[0].first_side[0] = 1),
+            ("side names a height map", |scene, _| scene.seam_sides[0].displacement = 1),
+            ("N is not", |_, frame| frame.subdivisions = 0),
             ("colour map", |_, frame| frame.color_width = 4),
         ];
         for (expected, fault) in breaks {

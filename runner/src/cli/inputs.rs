@@ -4,7 +4,7 @@ use crate::render::Scene;
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::image::{load_color_map, load_height_map};
 use crate::scene::obj::load_obj;
-use crate::scene::{ColorMap, HeightMap, MaterialMaps, Mesh, SceneError};
+use crate::scene::{ColorMap, HeightMap, MaterialMaps, Mesh, Relief, SceneError};
 use crate::settings::Light;
 use emboss_kernels::interface::height_format;
 use glam::Vec3;
@@ -157,10 +157,8 @@ pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
     ];
     let scene = Scene {
         mesh: model.mesh,
-        height_map: height.value,
+        reliefs: vec![Relief { map: height.value, zero: zero.value, scale: scale.value }],
         color_map: color.value,
-        zero: zero.value,
-        scale: scale.value,
         subdivisions: subdivisions.value,
     };
     let (view, lights) = model.builtin.map_or((None, Vec::new()), |b| (Some(b.view), b.lights));

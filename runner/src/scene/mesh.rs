@@ -1,7 +1,7 @@
 //! Making a [`Mesh`] out of loose triangles: welding, normals, orientation.
 
 use super::Mesh;
-use emboss_kernels::interface::{FLIPPED, Triangle, Vertex};
+use emboss_kernels::interface::{FLIPPED, NO_SEAMS, Triangle, Vertex};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
@@ -161,6 +161,7 @@ fn oriented(vertices: [u32; 3]) -> Triangle {
     Triangle {
         vertices: ascending,
         flags: if inversions % 2 == 1 { FLIPPED } else { 0 },
+        seams: NO_SEAMS,
         ..Triangle::default()
     }
 }

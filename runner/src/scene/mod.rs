@@ -6,6 +6,7 @@ pub mod image;
 mod mesh;
 mod noise;
 pub mod obj;
+pub mod seams;
 
 use emboss_kernels::interface::{Triangle, Vertex};
 use std::path::PathBuf;
@@ -49,6 +50,17 @@ pub struct HeightMap {
     pub range: (f32, f32),
     /// How many NaN or infinite texels were replaced by the value of no displacement.
     pub replaced: usize,
+}
+
+/// A height map and what it does: the height over texel t is `scale (t - zero)`.
+#[derive(Clone, Debug)]
+pub struct Relief {
+    /// The map.
+    pub map: HeightMap,
+    /// The texel value of no displacement.
+    pub zero: f32,
+    /// Height of a texel step from 0 to 1, in model units.
+    pub scale: f32,
 }
 
 /// A colour map, packed as the kernels read it, top row first.

@@ -15,7 +15,7 @@ use std::sync::Arc;
 const MODULE: &[u8] = include_bytes!("../../../../assets/kernels.spv");
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 11;
+pub(super) const MOST_BINDINGS: u32 = 15;
 
 /// An entry point of the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +57,11 @@ impl Kernel {
                 TRIANGLES,
                 NODES,
                 PRIMITIVES,
+                DISPLACEMENTS,
                 HEIGHT_TEXELS,
+                HEIGHT_RANGES,
+                SEAMS,
+                SEAM_SIDES,
                 COLOR_TEXELS,
                 LIGHTS,
                 FILM,
@@ -70,7 +74,11 @@ impl Kernel {
                 TRIANGLES,
                 NODES,
                 PRIMITIVES,
+                DISPLACEMENTS,
                 HEIGHT_TEXELS,
+                HEIGHT_RANGES,
+                SEAMS,
+                SEAM_SIDES,
                 COLOR_TEXELS,
                 LIGHTS,
                 RAYS,

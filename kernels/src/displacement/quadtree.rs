@@ -1,0 +1,567 @@
+//! The exact method: a bounded descent through an implicit quadtree of sub-triangles.
+//!
+//! A node is a sub-triangle of the base triangle's grid: upright or inverted, 2^l cells a side. Its four children are
+//! the three half-sized ones at its corners and the turned one between them; its leaves are the micro-triangles. Nothing
+//! of it is stored. N need not be a power of two: the root is the smallest node that holds the grid, upright nodes
+//! are cut off at the grid's border, and those beyond it are skipped.
+//!
+//! # The bound
+//! Every micro-vertex over a node is p(w) + lift n(w), p and n linear, so that it is a convex combination of the six
+//! points p_c + lift n_c at the node's corners c and the two ends of the lift's range. Lifts are heights, whose range
+//! over the node's texture coordinates the [min/max pyramid](super::height_pyramid) gives in one read; for normalised
+//! directions they are divided by |n|, which is no more than its greatest at a corner (it is convex) and no less
+//! than the least n_c . m, m any unit vector, here the direction of the mean normal.
+//!
+//! The six points are taken in a frame of the ray: z along it, y across it and the mean normal, x across both. The ray,
+//! there the z axis, misses the micro-triangles over the node where the points' box in that frame, grown by all that
+//! rounding can move a micro-vertex or a point by, misses the axis: y parts the node's column from the ray as the
+//! grid walk does, x parts its heights from it, and z orders nodes and ends rays.
+//!
+//! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them.
+//!
+//! # The order
+//! Children are visited by the depth of the base triangle under them, nearest first: one order for upright nodes,
+//! its reverse for inverted ones. So the path to a node, two bits a level, is all the state there is, and each node is
+//! tested once, against what has been hit by then.
+
+use crate::counters::Counts;
+use crate::displacement::cell::Cell;
+use crate::displacement::height_pyramid::{range_between, texel_coordinates, texel_error};
+use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::hit::Hit;
+use crate::interface::{Displacement, normals};
+use crate::math::{UNIT_ROUNDOFF, dot, max_abs, sqrt};
+use crate::ray::TraversalRay;
+use glam::{Vec2, Vec3};
+
+/// The nearer of `nearest` and the ray's hits on the micro-triangles of `base`; with `any`, the first hit that is
+/// found ends the descent.
+///
+/// Equal to brute force on every ray. Cost: O(log N) nodes where the ray crosses the relief at one place, O(N) where it
+/// runs within it.
+#[inline]
+pub fn intersect(
+    field: &HeightField<'_>,
+    base: &BaseTriangle,
+    ray: &TraversalRay,
+    nearest: Hit,
+    any: bool,
+    counts: &mut Counts,
+) -> Hit {
+    counts.prisms += 1;
+    let prism = Prism::new(field, base, ray);
+    let order = Order::new(prism.position.dj.z, prism.position.dk.z);
+    let mut nearest = nearest;
+    let mut node = Node::root(field.subdivisions);
+    // A quadtree has fewer than 4/3 times as many nodes as leaves, of which the root's are at most 4 N².
+    loop {
+        counts.sub_triangles += 1;
+        let mut descend = false;
+        if prism.reaches(field, base, ray, &node, nearest) {
+            if node.side == 1 {
+                let cell = Cell { j: node.j, k: node.k, upper: node.inverted };
+                let [a, b, c] = base.micro_triangle(field, cell);
+                nearest = base.intersect_cell(ray, cell, a.position, b.position, c.position, nearest);
+                counts.triangles += 1;
+                if any && nearest.is_some() {
+                    return nearest;
+                }
+            } else {
+                descend = true;
+            }
+        }
+        // On to the next node that holds some of the grid's cells.
+        let mut searching = true;
+        while searching {
+            if descend {
+                node = node.child(order.label(0, node.inverted));
+            } else {
+                let label = node.path & 3;
+                // Back to the parent, up from last children.
+                if node.path == ROOT {
+                    return nearest;
+                }
+                node = node.parent();
+                let place = order.place(label, node.inverted);
+                if place == 3 {
+                    continue;
+                }
+                node = node.child(order.label(place + 1, node.inverted));
+            }
+            descend = false;
+            searching = node.is_empty(field.subdivisions);
+        }
+    }
+}
+
+/// [`Node::path`] of the root.
+const ROOT: u32 = 1;
+/// Label of the child between the three at the corners.
+const MIDDLE: u32 = 3;
+
+/// A sub-triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Node {
+    /// Least j of its grid points.
+    j: u32,
+    /// Least k of its grid points.
+    k: u32,
+    /// Cells a side, a power of two.
+    side: u32,
+    /// Upright: the grid points from (j, k) on with j' + k' <= j + k + side. Inverted: those up to (j + side, k + side)
+    /// with j' + k' >= j + k + side.
+    inverted: bool,
+    /// The labels of the nodes on the way here from the root, two bits each, the last one lowest; under a leading 1.
+    path: u32,
+}
+
+impl Node {
+    /// The smallest node that holds the grid.
+    #[inline]
+    fn root(n: u32) -> Node {
+        Node { j: 0, k: 0, side: n.next_power_of_two(), inverted: false, path: ROOT }
+    }
+
+    /// The child at corner `label` in the order of [`Cell::vertex`], or the one between them.
+    #[inline]
+    fn child(self, label: u32) -> Node {
+        let half = self.side >> 1;
+        let (to_j, to_k) = offset(label, self.inverted);
+        Node {
+            j: self.j + to_j * half,
+            k: self.k + to_k * half,
+            side: half,
+            inverted: self.inverted != (label == MIDDLE),
+            path: self.path << 2 | label,
+        }
+    }
+
+    /// The node that it is a child of; it must not be the root.
+    #[inline]
+    fn parent(self) -> Node {
+        let label = self.path & 3;
+        let inverted = self.inverted != (label == MIDDLE);
+        let (to_j, to_k) = offset(label, inverted);
+        Node {
+            j: self.j - to_j * self.side,
+            k: self.k - to_k * self.side,
+            side: self.side << 1,
+            inverted,
+            path: self.path >> 2,
+        }
+    }
+
+    /// Whether none of its cells lies in the grid.
+    #[inline]
+    fn is_empty(self, n: u32) -> bool {
+        self.j + self.k + if self.inverted { self.side } else { 0 } >= n
+    }
+
+    /// Grid point of corner e = 0, 1 or 2, in the order of [`Cell::vertex`]; of an upright node cut off at the border.
+    #[inline]
+    fn corner(self, e: u32, n: u32) -> (u32, u32) {
+        let side = if self.inverted { self.side } else { self.side.min(n - self.j - self.k) };
+        let (to_j, to_k) = ((e == 1) != self.inverted, (e == 2) != self.inverted);
+        (self.j + if to_j { side } else { 0 }, self.k + if to_k { side } else { 0 })
+    }
+}
+
+/// Where a child's corner of least j and k lies in its parent, in halves of the parent's side.
+#[inline]
+fn offset(label: u32, inverted: bool) -> (u32, u32) {
+    if label == MIDDLE {
+        (inverted as u32, inverted as u32)
+    } else {
+        (((label == 1) != inverted) as u32, ((label == 2) != inverted) as u32)
+    }
+}
+
+/// The order of children, nearest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Order {
+    /// The labels of an upright node's children in order, two bits each, the first one lowest.
+    labels: u32,
+    /// The place of each label in that order.
+    places: u32,
+}
+
+impl Order {
+    /// From how much farther the grid's points get with j and with k.
+    #[inline]
+    fn new(to_j: f32, to_k: f32) -> Order {
+        // Depths of the children's centroids, in sides, from the one at corner 0.
+        let depth = |label: u32| {
+            if label == 0 {
+                0.0
+            } else if label == 1 {
+                to_j
+            } else if label == 2 {
+                to_k
+            } else {
+                (to_j + to_k) * (1.0 / 3.0)
+            }
+        };
+        let mut order = Order { labels: 0, places: 0 };
+        let mut label = 0;
+        while label < 4 {
+            // Its place is how many stand before it.
+            let mut place = 0;
+            let mut other = 0;
+            while other < 4 {
+                let (a, b) = (depth(other), depth(label));
+                place += (a < b || !(b < a) && other < label) as u32;
+                other += 1;
+            }
+            order.labels |= label << (2 * place);
+            order.places |= place << (2 * label);
+            label += 1;
+        }
+        order
+    }
+
+    /// The label of the child at `place`.
+    #[inline]
+    fn label(self, place: u32, inverted: bool) -> u32 {
+        let place = if inverted { 3 - place } else { place };
+        self.labels >> (2 * place) & 3
+    }
+
+    /// The place of a child's label.
+    #[inline]
+    fn place(self, label: u32, inverted: bool) -> u32 {
+        let place = self.places >> (2 * label) & 3;
+        if inverted { 3 - place } else { place }
+    }
+}
+
+/// A vector that is linear over the grid.
+#[derive(Clone, Copy)]
+struct Linear {
+    at_origin: Vec3,
+    /// How it changes with j.
+    dj: Vec3,
+    /// How it changes with k.
+    dk: Vec3,
+}
+
+impl Linear {
+    /// From its values at the base triangle's corners.
+    #[inline]
+    fn new(a: Vec3, b: Vec3, c: Vec3, n: f32) -> Linear {
+        Linear { at_origin: a, dj: (b - a) / n, dk: (c - a) / n }
+    }
+
+    #[inline]
+    fn at(&self, j: u32, k: u32) -> Vec3 {
+        self.at_origin + self.dj * j as f32 + self.dk * k as f32
+    }
+}
+
+/// The base triangle in the ray's frame.
+struct Prism {
+    /// The frame: x across the ray in the plane of the mean normal, y across both, z along the ray.
+    x: Vec3,
+    y: Vec3,
+    z: Vec3,
+    /// The frame's origin: the ray's point nearest to the triangle's centroid.
+    origin: Vec3,
+    /// Its distance along the ray.
+    t_origin: f32,
+    position: Linear,
+    normal: Linear,
+    /// Texel coordinates; z is not used.
+    texel: Linear,
+    /// What rounding can make of texel coordinates.
+    texel_error: Vec2,
+    map: Displacement,
+    /// What rounding can move a micro-vertex by, relative to the ray and to the bounds.
+    margin: f32,
+}
+
+impl Prism {
+    #[inline]
+    fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay) -> Prism {
+        let n = field.subdivisions as f32;
+        let z = ray.direction;
+        let mean = base.n0 + base.n1 + base.n2;
+        let across = mean.cross(z);
+        let squared = across.dot(across);
+        // A ray along the mean normal has no plane with it: any frame does.
+        let y = if squared > 1e-12 { across / sqrt(squared) } else { z.any_orthonormal_vector() };
+        let x = y.cross(z);
+        let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
+        let t_origin = dot(centroid - ray.origin, z);
+        let origin = ray.origin + z * t_origin;
+        let local = |v: Vec3| Vec3::new(dot(v, x), dot(v, y), dot(v, z));
+        let (a, b, c) = (local(base.p0 - origin), local(base.p1 - origin), local(base.p2 - origin));
+        let map = field.displacement(base.displacement);
+        let texel = |uv: Vec2| texel_coordinates(&map, uv).extend(0.0);
+        let greatest_uv = base.t0.abs().max(base.t1.abs()).max(base.t2.abs());
+
+        // How far a lift reaches. Where normals cancel it is the height that is bounded.
+        let reach = base.reach(field);
+        let size = max_abs(a).max(max_abs(b)).max(max_abs(c)) + reach;
+        let coordinate = max_abs(base.p0).max(max_abs(base.p1)).max(max_abs(base.p2)) + reach;
+        // Relative to the ray rounding moves a micro-vertex by: interpolation (3 fused operations on weights that Vulkan's
+        // division leaves off by 3 u) and lift, 10 u of the largest coordinate; translation, shear and its division in
+        // the triangle test, 6 u of the distance; the origin here, 2 u of itself and of the distance to it.
+        let distance = t_origin.abs() + size;
+        let moved = 10.0 * coordinate + 8.0 * distance + 2.0 * max_abs(origin);
+        // A point of the bound is off by the frame's axes (4 u, not quite at right angles), their products (5 u), the
+        // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's size.
+        let margin = UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size);
+        Prism {
+            x,
+            y,
+            z,
+            origin,
+            t_origin,
+            position: Linear::new(a, b, c, n),
+            normal: Linear::new(local(base.n0), local(base.n1), local(base.n2), n),
+            texel: Linear::new(texel(base.t0), texel(base.t1), texel(base.t2), n),
+            texel_error: texel_error(&map, greatest_uv),
+            map,
+            margin,
+        }
+    }
+
+    /// A point in the frame.
+    #[inline]
+    fn local(&self, p: Vec3) -> Vec3 {
+        let p = p - self.origin;
+        Vec3::new(dot(p, self.x), dot(p, self.y), dot(p, self.z))
+    }
+
+    /// Whether the ray can hit a micro-triangle of the node, nearer than `nearest` or as near.
+    #[inline]
+    fn reaches(
+        &self,
+        field: &HeightField<'_>,
+        base: &BaseTriangle,
+        ray: &TraversalRay,
+        node: &Node,
+        nearest: Hit,
+    ) -> bool {
+        let bounds = self.bounds(field, base, node);
+        let m = self.margin;
+        let far = ray.t_max.min(nearest.t) - self.t_origin;
+        // Negated so that NaN, of bounds too large for floats, reaches.
+        !(bounds.min.x > m
+            || bounds.max.x < -m
+            || bounds.min.y > m
+            || bounds.max.y < -m
+            || bounds.min.z - m > far
+            || bounds.max.z + m < -self.t_origin)
+    }
+
+    /// The box in the frame of every micro-vertex over a node, without the margin.
+    #[inline]
+    fn bounds(&self, field: &HeightField<'_>, base: &BaseTriangle, node: &Node) -> Bounds {
+        let n = field.subdivisions;
+        let (j0, k0) = node.corner(0, n);
+        let (j1, k1) = node.corner(1, n);
+        let (j2, k2) = node.corner(2, n);
+        let (t0, t1, t2) = (self.texel.at(j0, k0), self.texel.at(j1, k1), self.texel.at(j2, k2));
+        let low = t0.min(t1).min(t2).truncate() - self.texel_error;
+        let high = t0.max(t1).max(t2).truncate() + self.texel_error;
+        let texels = range_between(field, &self.map, low, high);
+        let (least, greatest) =
+            Displacement::height_range(texels.min, texels.max, self.map.zero, self.map.scale);
+
+        let (p0, p1, p2) = (self.position.at(j0, k0), self.position.at(j1, k1), self.position.at(j2, k2));
+        let (n0, n1, n2) = (self.normal.at(j0, k0), self.normal.at(j1, k1), self.normal.at(j2, k2));
+        let lifts = if field.normals == normals::LINEAR {
+            Lifts { min: least, max: greatest, bounded: true }
+        } else {
+            Lifts::new(least, greatest, n0, n1, n2)
+        };
+        let bounds = if lifts.bounded {
+            Bounds::EMPTY
+                .including(p0 + n0 * lifts.min)
+                .including(p0 + n0 * lifts.max)
+                .including(p1 + n1 * lifts.min)
+                .including(p1 + n1 * lifts.max)
+                .including(p2 + n2 * lifts.min)
+                .including(p2 + n2 * lifts.max)
+        } else {
+            // Directions are unit vectors, wherever they point.
+            let reach = least.abs().max(greatest.abs());
+            Bounds::EMPTY.including(p0).including(p1).including(p2).grown(reach)
+        };
+        let at_border = node.j == 0 || node.k == 0 || j1 + k1 >= n || node.inverted && j0 + k0 >= n;
+        if at_border && base.has_seams(field) {
+            self.including_seams(field, base, node, bounds)
+        } else {
+            bounds
+        }
+    }
+
+    /// Adds what the base triangle's seams have within a node at its border.
+    fn including_seams(
+        &self,
+        field: &HeightField<'_>,
+        base: &BaseTriangle,
+        node: &Node,
+        bounds: Bounds,
+    ) -> Bounds {
+        let n = field.subdivisions;
+        let seams = base.seams(field);
+        let side = if node.inverted { node.side } else { node.side.min(n - node.j - node.k) };
+        let last = node.j + node.k + if node.inverted { 2 * side } else { side };
+        // Bit e: it touches the base triangle's edge e.
+        let touched = (last >= n) as u32 | ((node.j == 0) as u32) << 1 | ((node.k == 0) as u32) << 2;
+        let mut bounds = bounds;
+        let mut e = 0;
+        while e < 3 {
+            let corner_touched = touched | 1 << e == 7;
+            if corner_touched && seams.flags >> e & 1 != 0 {
+                let height = if e == 0 {
+                    seams.heights[0]
+                } else if e == 1 {
+                    seams.heights[1]
+                } else {
+                    seams.heights[2]
+                };
+                bounds = bounds.including(self.local(base.position(e) + seams.direction(e) * height));
+            }
+            if touched >> e & 1 != 0 && seams.flags >> (3 + e) & 1 != 0 {
+                // Where on the edge, in cells from its first corner on: the node's grid points there are among these.
+                let (start, end) = if e == 0 {
+                    (n - (node.j + side).min(n), n - node.j)
+                } else if e == 1 {
+                    (n - (node.k + side).min(n), n - node.k)
+                } else {
+                    (node.j, (node.j + side).min(n))
+                };
+                let (a, b) = ((e + 1) % 3, (e + 2) % 3);
+                let along = base.position(b) - base.position(a);
+                let turn = seams.direction(b) - seams.direction(a);
+                let (low, high) = seams.lift_range(field, e);
+                let spread = seams.directions_spread(field, e);
+                let mut i = 0;
+                while i < 2 {
+                    let share = if i == 0 { start } else { end } as f32 / n as f32;
+                    let p = base.position(a) + along * share;
+                    let direction = seams.direction(a) + turn * share;
+                    if spread {
+                        let reach = low.abs().max(high.abs());
+                        let p = self.local(p);
+                        bounds = bounds.including(p - Vec3::splat(reach)).including(p + Vec3::splat(reach));
+                    } else {
+                        bounds = bounds
+                            .including(self.local(p + direction * low))
+                            .including(self.local(p + direction * high));
+                    }
+                    i += 1;
+                }
+            }
+            e += 1;
+        }
+        bounds
+    }
+}
+
+/// Bounds on lifts.
+#[derive(Clone, Copy)]
+struct Lifts {
+    min: f32,
+    max: f32,
+    /// False where the normals spread so far that lifts may be anything.
+    bounded: bool,
+}
+
+impl Lifts {
+    /// Heights between `least` and `greatest` over the length of a normal interpolated between three.
+    #[inline]
+    fn new(least: f32, greatest: f32, n0: Vec3, n1: Vec3, n2: Vec3) -> Lifts {
+        let mean = n0 + n1 + n2;
+        let along = dot(n0, mean).min(dot(n1, mean)).min(dot(n2, mean));
+        let shortest = along / sqrt(dot(mean, mean));
+        let longest = sqrt(dot(n0, n0).max(dot(n1, n1)).max(dot(n2, n2)));
+        // Normals are off by some 10 u, which above the threshold is a relative 40 u; so is all that follows.
+        let (shortest, longest) = (shortest * (1.0 - 1e-5), longest * (1.0 + 1e-5));
+        Lifts {
+            min: least / if least < 0.0 { shortest } else { longest },
+            max: greatest / if greatest < 0.0 { longest } else { shortest },
+            bounded: shortest > SHORTEST,
+        }
+    }
+}
+
+/// The length of an interpolated normal below which a node's bound takes any direction for possible: above it the six
+/// points lie within four heights, which the margin reckons with.
+const SHORTEST: f32 = 0.25;
+
+/// A box in the ray's frame.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    min: Vec3,
+    max: Vec3,
+}
+
+impl Bounds {
+    const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    #[inline]
+    fn including(self, p: Vec3) -> Bounds {
+        Bounds { min: self.min.min(p), max: self.max.max(p) }
+    }
+
+    #[inline]
+    fn grown(self, by: f32) -> Bounds {
+        Bounds { min: self.min - Vec3::splat(by), max: self.max + Vec3::splat(by) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacement::brute_force;
+    use crate::displacement::test_prism::{FEATURES, Prism, random_ray};
+    use crate::math::tests::Numbers;
+
+    /// The quadtree and brute force on `count` prisms with 20 rays each, a fifth aimed at micro-vertices and
+    /// micro-edges, a tenth exactly along a normal.
+    fn compare(seed: u32, count: u32, spread: f32, relief: f32) {
+        let mut numbers = Numbers::new(seed);
+        let (mut hits, mut total) = (0, Counts::default());
+        for _ in 0..count {
+            let n = 1 + (numbers.unit() * numbers.unit() * 24.0) as u32;
+            let prism = Prism::random(&mut numbers, n, spread, relief);
+            let view = prism.view();
+            let field = HeightField::new(&view, FEATURES);
+            for _ in 0..20 {
+                let ray = random_ray(&prism, &mut numbers);
+                let found = intersect(&field, &prism.base(), &ray, Hit::NONE, false, &mut total);
+                let exact =
+                    brute_force::intersect(&field, &prism.base(), &ray, Hit::NONE, &mut Counts::default());
+                assert_eq!(found, exact, "N = {n}, {ray:?}, {:?}", prism.base());
+                let any = intersect(&field, &prism.base(), &ray, Hit::NONE, true, &mut Counts::default());
+                assert_eq!(any.is_some(), exact.is_some(), "N = {n}, {ray:?}, {:?}", prism.base());
+                hits += u32::from(exact.is_some());
+            }
+        }
+        assert!(hits > count, "the rays are no test: {hits} hits");
+        println!("{hits} hits {total:?}");
+    }
+
+    #[test]
+    fn parallel_normals() {
+        compare(1, 20_000, 0.0, 0.3);
+    }
+
+    #[test]
+    fn leaning_normals() {
+        compare(2, 20_000, 0.3, 0.3);
+    }
+
+    #[test]
+    fn gently_leaning_normals() {
+        compare(3, 20_000, 0.05, 0.1);
+    }
+
+    #[test]
+    fn wild_normals() {
+        compare(4, 20_000, 1.5, 1.0);
+    }
+}
