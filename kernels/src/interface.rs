@@ -165,8 +165,8 @@ pub mod counter {
     pub const TRIANGLES: u32 = 6;
     /// Walks that met their cap on steps.
     pub const CAP_HITS: u32 = 7;
-    /// Prisms whose walk could not be trusted and that were scanned row by row instead.
-    pub const SCANS: u32 = 8;
+    /// Walks that ended inside the grid because signs told no way on.
+    pub const LOST_WALKS: u32 = 8;
     /// Sub-triangles of quadtrees that rays were tested against.
     pub const SUB_TRIANGLES: u32 = 9;
     /// How many counters there are.

@@ -491,11 +491,7 @@ impl Prism {
             let reach = least.abs().max(greatest.abs());
             Bounds::EMPTY.including(p0).including(p1).including(p2).grown(reach)
         };
-        if has_seams {
-            self.including_seams(field, base, node, bounds)
-        } else {
-            bounds
-        }
+        if has_seams { self.including_seams(field, base, node, bounds) } else { bounds }
     }
 
     /// Adds what the base triangle's seams have within a node at its border.
@@ -635,7 +631,7 @@ mod tests {
             let view = prism.view();
             let field = HeightField::new(&view, MODES[round % 2]);
             for _ in 0..20 {
-                let ray = random_ray(&prism, &mut numbers);
+                let ray = random_ray(&prism, &mut numbers, true);
                 let found = intersect(&field, &prism.base(), &ray, Hit::NONE, false, &mut total);
                 let exact =
                     brute_force::intersect(&field, &prism.base(), &ray, Hit::NONE, &mut Counts::default());
@@ -720,7 +716,7 @@ mod tests {
             let view = prism.view();
             let field = HeightField::new(&view, MODES[round / 5 % 2]);
             let base = prism.base();
-            let ray = random_ray(&prism, &mut numbers);
+            let ray = random_ray(&prism, &mut numbers, true);
             let seen = super::Prism::new(&field, &base, &ray);
             for _ in 0..50 {
                 let node = random_node(&mut numbers, n);

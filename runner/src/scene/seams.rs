@@ -309,7 +309,8 @@ mod tests {
     }
 
     fn job(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> Job {
-        let settings = Settings { width: 1, height: 1, wrap: Wrap::Mirror, normals, weld, ..Settings::default() };
+        let settings =
+            Settings { width: 1, height: 1, wrap: Wrap::Mirror, normals, weld, ..Settings::default() };
         prepare(Scene { subdivisions, ..scene.clone() }, &settings).expect("framed")
     }
 
@@ -370,7 +371,8 @@ mod tests {
     /// Two triangles folded along the x axis, with normals +z and +y, each with its own map: heights 1 and 3.
     #[test]
     fn seams_are_displaced_by_the_mean_of_heights_along_the_mean_of_normals() {
-        let vertex = |position: [f32; 3], normal| Vertex { position: position.into(), normal, u: 0.5, v: 0.5 };
+        let vertex =
+            |position: [f32; 3], normal| Vertex { position: position.into(), normal, u: 0.5, v: 0.5 };
         let vertices = [
             vertex([0.0, 0.0, 0.0], Vec3::Z),
             vertex([4.0, 0.0, 0.0], Vec3::Z),
@@ -382,8 +384,7 @@ mod tests {
         let mut mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [3, 4, 5]]);
         mesh.triangles[1].displacement = 1;
         let relief = |height: f32| Relief { map: HeightMap::flat(height), zero: 0.0, scale: 1.0 };
-        let scene =
-            Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
+        let scene = Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
         let job = job(&scene, 4, Normals::Normalized, Weld::On);
         let view = job.buffers.view(&job.frame);
         let field = HeightField::new(&view, job.features);

@@ -194,8 +194,7 @@ mod tests {
     fn the_knots_heights_agree_across_its_seams() {
         let map = &KNOT.height;
         let size = Displacement { map_width: map.width, map_height: map.height, ..Displacement::default() };
-        let height =
-            |u, v| sample_height(&map.texels, map.format, wrap::REPEAT, &size, Vec2::new(u, v));
+        let height = |u, v| sample_height(&map.texels, map.format, wrap::REPEAT, &size, Vec2::new(u, v));
         for k in 0..=1000u16 {
             let along = f32::from(k) / 1000.0;
             // The same four texels with the same weights of one half: each side leaves their range by 3 ulp at most.
