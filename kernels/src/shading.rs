@@ -59,11 +59,7 @@ impl SurfaceInteraction {
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng: if base.flipped { -n } else { n },
             uv,
-            height: if features.method == method::NONE {
-                0.0
-            } else {
-                field.height(&field.displacement(base.displacement), uv)
-            },
+            height: if features.method == method::NONE { 0.0 } else { field.height(&base.map, uv) },
         }
     }
 

@@ -118,10 +118,11 @@ fn intersect_primitive(
     nearest: Hit,
     counts: &mut Counts,
 ) -> Hit {
-    let base = BaseTriangle::load(scene, primitive);
     if features.method == method::QUADTREE {
-        quadtree::intersect(field, &base, ray, nearest, query == Query::Any, counts)
-    } else if features.method == method::GRID_WALK {
+        return quadtree::intersect(scene, field, primitive, ray, nearest, query == Query::Any, counts);
+    }
+    let base = BaseTriangle::load(scene, primitive);
+    if features.method == method::GRID_WALK {
         grid_walk::intersect(field, &base, ray, nearest, counts)
     } else if features.method == method::BRUTE_FORCE {
         counts.prisms += 1;

@@ -32,6 +32,7 @@ use crate::hit::Hit;
 use crate::interface::{Displacement, normals};
 use crate::math::{UNIT_ROUNDOFF, dot, max_abs, sqrt};
 use crate::ray::TraversalRay;
+use crate::scene::SceneView;
 use core::ops::{Add, Mul, Sub};
 use glam::{Vec2, Vec3, Vec4};
 
@@ -42,15 +43,16 @@ use glam::{Vec2, Vec3, Vec4};
 /// runs within it.
 #[inline]
 pub fn intersect(
+    scene: &SceneView<'_>,
     field: &HeightField<'_>,
-    base: &BaseTriangle,
+    primitive: u32,
     ray: &TraversalRay,
     nearest: Hit,
     any: bool,
     counts: &mut Counts,
 ) -> Hit {
     counts.prisms += 1;
-    let prism = Prism::new(field, base, ray);
+    let prism = Prism::new(field, &BaseTriangle::load(scene, primitive), ray);
     let order = Order::new(prism.position.dj.z, prism.position.dk.z);
     let mut nearest = nearest;
     let mut node = Node::root(field.subdivisions);
@@ -58,9 +60,11 @@ pub fn intersect(
     loop {
         counts.sub_triangles += 1;
         let mut descend = false;
-        if prism.reaches(field, base, ray, &node, nearest) {
+        if prism.reaches(scene, field, ray, &node, nearest) {
             if node.side <= LEAF_SIDE {
-                nearest = intersect_leaf(field, base, ray, node, nearest, counts);
+                // Loaded again, so that it takes no registers while nodes are tested.
+                let base = BaseTriangle::load(scene, primitive);
+                nearest = intersect_leaf(field, &base, ray, node, nearest, counts);
                 if any && nearest.is_some() {
                     return nearest;
                 }
@@ -332,6 +336,8 @@ impl<V: Copy + Add<Output = V> + Sub<Output = V> + Mul<f32, Output = V>> Linear<
 
 /// The base triangle in the ray's frame.
 struct Prism {
+    primitive: u32,
+    has_seams: bool,
     /// The frame: x across the ray in the plane of the mean normal, y across both, z along the ray.
     x: Vec3,
     y: Vec3,
@@ -370,7 +376,7 @@ impl Prism {
         let origin = ray.origin + z * t_origin;
         let local = |v: Vec3| Vec3::new(dot(v, x), dot(v, y), dot(v, z));
         let (a, b, c) = (local(base.p0 - origin), local(base.p1 - origin), local(base.p2 - origin));
-        let map = field.displacement(base.displacement);
+        let map = base.map;
         let texel = |uv: Vec2| texel_coordinates(&map, uv);
         let (na, nb, nc) = (local(base.n0), local(base.n1), local(base.n2));
         let shortest = base.shortest_normal();
@@ -395,6 +401,8 @@ impl Prism {
         // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's size.
         let margin = UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size);
         Prism {
+            primitive: base.primitive,
+            has_seams: base.has_seams(field),
             x,
             y,
             z,
@@ -422,15 +430,15 @@ impl Prism {
     #[inline]
     fn reaches(
         &self,
+        scene: &SceneView<'_>,
         field: &HeightField<'_>,
-        base: &BaseTriangle,
         ray: &TraversalRay,
         node: &Node,
         nearest: Hit,
     ) -> bool {
         let m = self.margin;
         let n = field.subdivisions;
-        let has_seams = base.has_seams(field) && node.is_at_border(n);
+        let has_seams = self.has_seams && node.is_at_border(n);
         // Most nodes that the ray does not reach it passes beside their columns, whatever the heights.
         if self.has_caps && !has_seams {
             let (j0, k0) = node.corner(0, n);
@@ -446,7 +454,7 @@ impl Prism {
                 return false;
             }
         }
-        let bounds = self.bounds(field, base, node, has_seams);
+        let bounds = self.bounds(scene, field, node, has_seams);
         let far = ray.t_max.min(nearest.t) - self.t_origin;
         // Negated so that NaN, of bounds too large for floats, reaches.
         !(bounds.min.x > m
@@ -459,7 +467,7 @@ impl Prism {
 
     /// The box in the frame of every micro-vertex over a node, without the margin.
     #[inline]
-    fn bounds(&self, field: &HeightField<'_>, base: &BaseTriangle, node: &Node, has_seams: bool) -> Bounds {
+    fn bounds(&self, scene: &SceneView<'_>, field: &HeightField<'_>, node: &Node, has_seams: bool) -> Bounds {
         let n = field.subdivisions;
         let (j0, k0) = node.corner(0, n);
         let (j1, k1) = node.corner(1, n);
@@ -491,7 +499,12 @@ impl Prism {
             let reach = least.abs().max(greatest.abs());
             Bounds::EMPTY.including(p0).including(p1).including(p2).grown(reach)
         };
-        if has_seams { self.including_seams(field, base, node, bounds) } else { bounds }
+        if has_seams {
+            let base = BaseTriangle::load(scene, self.primitive);
+            self.including_seams(field, &base, node, bounds)
+        } else {
+            bounds
+        }
     }
 
     /// Adds what the base triangle's seams have within a node at its border.
@@ -632,11 +645,11 @@ mod tests {
             let field = HeightField::new(&view, MODES[round % 2]);
             for _ in 0..20 {
                 let ray = random_ray(&prism, &mut numbers, true);
-                let found = intersect(&field, &prism.base(), &ray, Hit::NONE, false, &mut total);
+                let found = intersect(&view, &field, 0, &ray, Hit::NONE, false, &mut total);
                 let exact =
                     brute_force::intersect(&field, &prism.base(), &ray, Hit::NONE, &mut Counts::default());
                 assert_eq!(found, exact, "N = {n}, {ray:?}, {:?}", prism.base());
-                let any = intersect(&field, &prism.base(), &ray, Hit::NONE, true, &mut Counts::default());
+                let any = intersect(&view, &field, 0, &ray, Hit::NONE, true, &mut Counts::default());
                 assert_eq!(any.is_some(), exact.is_some(), "N = {n}, {ray:?}, {:?}", prism.base());
                 hits += u32::from(exact.is_some());
             }
@@ -720,7 +733,7 @@ mod tests {
             let seen = super::Prism::new(&field, &base, &ray);
             for _ in 0..50 {
                 let node = random_node(&mut numbers, n);
-                let bounds = seen.bounds(&field, &base, &node, false);
+                let bounds = seen.bounds(&view, &field, &node, false);
                 let mut true_bounds = Bounds::EMPTY;
                 for position in micro_vertices(&field, &base, node) {
                     let p = seen.local(position);

@@ -113,8 +113,8 @@ pub struct BaseTriangle {
     pub height_min: f32,
     /// Greatest height of its own field.
     pub height_max: f32,
-    /// Index of its height map.
-    pub displacement: u32,
+    /// Its height map.
+    pub map: Displacement,
     /// Index of its [`Seams`], or [`NO_SEAMS`].
     pub seams: u32,
 }
@@ -129,18 +129,14 @@ pub struct MicroVertex {
     pub lift: f32,
 }
 
-/// Along which direction a micro-vertex is displaced, and whose heights it takes.
+/// Along which direction a micro-vertex is displaced, and how far.
 #[derive(Clone, Copy)]
 struct Site {
     direction: Vec3,
-    /// Sides of a seam to take the mean of: none at a decided corner.
-    side_count: u32,
-    first_side: u32,
-    /// The decided height.
+    /// The height, unless it is the triangle's own map's.
     height: f32,
-    /// Parameter along the seam, from its start, as weights of start and end.
-    along: Vec2,
-    on_seam: bool,
+    /// Whether it is.
+    own: bool,
 }
 
 impl BaseTriangle {
@@ -165,7 +161,7 @@ impl BaseTriangle {
             t2: Vec2::new(c.u, c.v),
             height_min: triangle.height_min,
             height_max: triangle.height_max,
-            displacement: triangle.displacement,
+            map: at(scene.displacements, triangle.displacement),
             seams: triangle.seams,
         }
     }
@@ -198,38 +194,11 @@ impl BaseTriangle {
         let n = field.subdivisions;
         let w = grid_point(j, k, n);
         let p = interpolate(w, self.p0, self.p1, self.p2);
-        let mut site = Site {
-            direction: interpolate(w, self.n0, self.n1, self.n2),
-            side_count: 1,
-            first_side: 0,
-            height: 0.0,
-            along: Vec2::ZERO,
-            on_seam: false,
-        };
+        let mut site = Site { direction: interpolate(w, self.n0, self.n1, self.n2), height: 0.0, own: true };
         if self.has_seams(field) && (j == 0 || k == 0 || j + k == n) {
             site = self.site_on_border(field, w, site);
         }
-        // A loop, so that the code of a height stands in a kernel once: one side, its own, away from seams.
-        let mut sum = 0.0;
-        let mut i = 0;
-        while i < site.side_count {
-            let (uv, map) = if site.on_seam {
-                let side = at(field.seam_sides, site.first_side + i);
-                let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
-                (interpolate2(site.along.extend(0.0), start, end, Vec2::ZERO), side.displacement)
-            } else {
-                (self.uv(w), self.displacement)
-            };
-            sum += field.height(&field.displacement(map), uv);
-            i += 1;
-        }
-        let h = if site.on_seam {
-            sum / site.side_count as f32
-        } else if site.side_count == 0 {
-            site.height
-        } else {
-            sum
-        };
+        let h = if site.own { field.height(&self.map, self.uv(w)) } else { site.height };
         let lift = if field.normals == normals::LINEAR {
             h
         } else {
@@ -239,8 +208,7 @@ impl BaseTriangle {
         MicroVertex { position: fma3(lift, site.direction, p), lift }
     }
 
-    /// What decides the micro-vertex at `w`, a point of the triangle's border.
-    #[inline]
+    /// What decides the micro-vertex at `w`, a point of the triangle's border; `inner` where that is the triangle itself.
     fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, inner: Site) -> Site {
         let seams = self.seams(field);
         let corner = if w.x == 1.0 {
@@ -253,12 +221,11 @@ impl BaseTriangle {
             3
         };
         if corner < 3 {
-            if seams.flags >> corner & 1 != 0 {
-                let direction = seams.direction(corner);
-                let height = component(seams.heights, corner);
-                return Site { direction, side_count: 0, height, ..inner };
+            if seams.flags >> corner & 1 == 0 {
+                return inner;
             }
-            return inner;
+            let height = component(seams.heights, corner);
+            return Site { direction: seams.direction(corner), height, own: false };
         }
         let edge = if w.x == 0.0 {
             0
@@ -270,20 +237,28 @@ impl BaseTriangle {
         if seams.flags >> (3 + edge) & 1 == 0 {
             return inner;
         }
+        // Weights of the seam's start and end: it starts at the lower of its vertices, which is stored first.
+        let along = if edge == 0 {
+            Vec3::new(w.y, w.z, 0.0)
+        } else if edge == 1 {
+            Vec3::new(w.x, w.z, 0.0)
+        } else {
+            Vec3::new(w.x, w.y, 0.0)
+        };
+        let (first, count) = (component(seams.first_side, edge), component(seams.side_count, edge));
+        let mut sum = 0.0;
+        let mut i = 0;
+        while i < count {
+            let side = at(field.seam_sides, first + i);
+            let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
+            let uv = interpolate2(along, start, end, Vec2::ZERO);
+            sum += field.height(&field.displacement(side.displacement), uv);
+            i += 1;
+        }
         Site {
             direction: interpolate(w, seams.direction(0), seams.direction(1), seams.direction(2)),
-            side_count: component_u(seams.side_count, edge),
-            first_side: component_u(seams.first_side, edge),
-            height: 0.0,
-            // The seam starts at the lower of its vertices, which is stored first.
-            along: if edge == 0 {
-                Vec2::new(w.y, w.z)
-            } else if edge == 1 {
-                Vec2::new(w.x, w.z)
-            } else {
-                Vec2::new(w.x, w.y)
-            },
-            on_seam: true,
+            height: sum / count as f32,
+            own: false,
         }
     }
 
@@ -479,19 +454,7 @@ impl Seams {
 
 /// Component 0, 1 or 2.
 #[inline]
-fn component(v: [f32; 3], i: u32) -> f32 {
-    if i == 0 {
-        v[0]
-    } else if i == 1 {
-        v[1]
-    } else {
-        v[2]
-    }
-}
-
-/// Component 0, 1 or 2.
-#[inline]
-fn component_u(v: [u32; 3], i: u32) -> u32 {
+fn component<T: Copy>(v: [T; 3], i: u32) -> T {
     if i == 0 {
         v[0]
     } else if i == 1 {
