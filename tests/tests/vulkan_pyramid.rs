@@ -3,7 +3,7 @@
 use emboss::backend::Backend;
 use emboss::render::{Job, Scene};
 use emboss::scene::{HeightMap, Relief};
-use emboss::settings::{Settings, Wrap};
+use emboss::settings::{Method, Settings, Wrap};
 use emboss_kernels::interface::{Displacement, height_format};
 use emboss_tests::scenes::{job, tiles};
 use emboss_tests::{Numbers, finish, lavapipe};
@@ -63,7 +63,9 @@ fn scene_with_maps(sizes: &[(u32, u32)], format: u32, wrap: Wrap) -> Job {
     for (map, triangle) in (0..u32::try_from(sizes.len()).unwrap()).cycle().zip(&mut scene.mesh.triangles) {
         triangle.displacement = map;
     }
-    job(Scene { reliefs, ..scene }, &Settings { wrap, width: 1, height: 1, ..Settings::default() })
+    // Pyramids are built whatever the method; this one's pipelines compile fastest.
+    let method = Method::None;
+    job(Scene { reliefs, ..scene }, &Settings { method, wrap, width: 1, height: 1, ..Settings::default() })
 }
 
 /// Number `i` of a list of packed ones, in an order that is the numbers' own: codes as they are, floats by value.
@@ -121,8 +123,8 @@ fn pyramids_are_the_cpus_to_the_bit() {
             let job = scene_with_maps(&SIZES, format, wrap);
             assert_eq!(job.features.height_format, format);
             backend.load(&job.buffers, &job.frame, job.features).unwrap();
-            let ranges = backend.height_ranges().unwrap();
             let expected = &job.buffers.height_ranges;
+            let ranges = backend.height_ranges(expected.len()).unwrap();
             let differing: Vec<usize> =
                 (0..expected.len()).filter(|&i| ranges[i] != expected[i]).take(8).collect();
             assert!(differing.is_empty(), "format {format}, {wrap:?}: words {differing:?} differ");
@@ -141,6 +143,6 @@ fn large_pyramids_are_the_cpus_to_the_bit() {
     let job = scene_with_maps(&[(1021, 700), (3, 3)], height_format::FLOAT32, Wrap::Repeat);
     backend.load(&job.buffers, &job.frame, job.features).unwrap();
     let expected = &job.buffers.height_ranges;
-    assert!(backend.height_ranges().unwrap()[..expected.len()] == expected[..]);
+    assert!(backend.height_ranges(expected.len()).unwrap() == *expected);
     finish(backend);
 }

@@ -122,14 +122,16 @@ impl VulkanBackend {
         self.transfers.read(&self.commands, self.resident.buffer(binding::FILM), count)
     }
 
-    /// The height maps' pyramids as the device built them, one behind the other. At least as many words as the scene's own
-    /// [`height_ranges`](SceneBuffers::height_ranges), the rest of which are of no use.
+    /// The first `words` words of the height maps' pyramids as the device built them: in the order of the scene's own
+    /// [`height_ranges`](SceneBuffers::height_ranges).
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
-    pub fn height_ranges(&mut self) -> Result<Vec<u32>, BackendError> {
-        let buffer = self.resident.buffer(binding::HEIGHT_RANGES);
-        self.transfers.read(&self.commands, buffer, buffer.bytes() as usize / size_of::<u32>())
+    ///
+    /// # Panics
+    /// Where the scene has fewer.
+    pub fn height_ranges(&mut self, words: usize) -> Result<Vec<u32>, BackendError> {
+        self.transfers.read(&self.commands, self.resident.buffer(binding::HEIGHT_RANGES), words)
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
