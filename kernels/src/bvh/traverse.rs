@@ -43,48 +43,59 @@ pub fn traverse(
     let mut node = at(scene.nodes, 0);
     let mut distance = node.entry_distance(ray, ray.t_max);
     counts.boxes += 1;
-    // Each node is visited once at most.
-    loop {
-        let mut pop = true;
-        if distance <= farthest(ray, nearest) && distance.is_finite() {
-            if node.count > 0 {
-                let mut i = 0;
-                while i < node.count {
-                    let primitive = at(scene.primitives, node.first + i);
-                    nearest =
-                        intersect_primitive(scene, features, &field, ray, query, primitive, nearest, counts);
-                    i += 1;
-                }
-                if query == Query::Any && nearest.is_some() {
-                    return nearest;
-                }
-            } else {
-                // Go to the nearer child, keep the other for later.
-                let (left, right) = (at(scene.nodes, node.first), at(scene.nodes, node.first + 1));
-                let limit = farthest(ray, nearest);
-                let (to_left, to_right) = (left.entry_distance(ray, limit), right.entry_distance(ray, limit));
-                counts.boxes += 2;
-                let left_first = to_left <= to_right;
-                let (near, far) = if left_first { (to_left, to_right) } else { (to_right, to_left) };
-                if far.is_finite() {
-                    stack[depth as usize] = node.first + left_first as u32;
-                    stack_distances[depth as usize] = far;
-                    depth += 1;
-                }
-                if near.is_finite() {
-                    node = if left_first { left } else { right };
-                    distance = near;
+    // Each node is visited once at most. Two loops, one to the next leaf and one over leaves, so that the rays of a
+    // subgroup test prisms together: with one loop each leaf of one ray would keep the others waiting (Aila and
+    // Laine, "Understanding the Efficiency of Ray Traversal on GPUs", HPG 2009).
+    let mut going = true;
+    while going {
+        let mut at_leaf = false;
+        while going && !at_leaf {
+            let mut pop = true;
+            if distance <= farthest(ray, nearest) && distance.is_finite() {
+                if node.count > 0 {
+                    at_leaf = true;
                     pop = false;
+                } else {
+                    // Go to the nearer child, keep the other for later.
+                    let (left, right) = (at(scene.nodes, node.first), at(scene.nodes, node.first + 1));
+                    let limit = farthest(ray, nearest);
+                    let (to_left, to_right) =
+                        (left.entry_distance(ray, limit), right.entry_distance(ray, limit));
+                    counts.boxes += 2;
+                    let left_first = to_left <= to_right;
+                    let (near, far) = if left_first { (to_left, to_right) } else { (to_right, to_left) };
+                    if far.is_finite() {
+                        stack[depth as usize] = node.first + left_first as u32;
+                        stack_distances[depth as usize] = far;
+                        depth += 1;
+                    }
+                    if near.is_finite() {
+                        node = if left_first { left } else { right };
+                        distance = near;
+                        pop = false;
+                    }
+                }
+            }
+            if pop {
+                going = depth > 0;
+                if going {
+                    depth -= 1;
+                    distance = stack_distances[depth as usize];
+                    node = at(scene.nodes, stack[depth as usize]);
                 }
             }
         }
-        if pop {
-            if depth == 0 {
-                break;
+        if at_leaf {
+            let mut i = 0;
+            while i < node.count {
+                let primitive = at(scene.primitives, node.first + i);
+                nearest =
+                    intersect_primitive(scene, features, &field, ray, query, primitive, nearest, counts);
+                i += 1;
             }
-            depth -= 1;
-            distance = stack_distances[depth as usize];
-            node = at(scene.nodes, stack[depth as usize]);
+            // What is left is popped above.
+            distance = f32::INFINITY;
+            going = !(query == Query::Any && nearest.is_some());
         }
     }
     nearest

@@ -56,44 +56,23 @@ pub fn intersect(
     let order = Order::new(prism.position.dj.z, prism.position.dk.z);
     let mut nearest = nearest;
     let mut node = Node::root(field.subdivisions);
-    // A quadtree has fewer than 4/3 times as many nodes as leaves, of which the root's are at most 4 N².
-    loop {
+    while node.path != NONE {
         counts.sub_triangles += 1;
-        let mut descend = false;
-        if prism.reaches(scene, field, ray, &node, nearest) {
-            if node.side <= LEAF_SIDE {
-                // Loaded again, so that it takes no registers while nodes are tested.
-                let base = BaseTriangle::load(scene, primitive);
-                nearest = intersect_leaf(field, &base, ray, node, nearest, counts);
-                if any && nearest.is_some() {
-                    return nearest;
-                }
-            } else {
-                descend = true;
-            }
+        let reached = prism.reaches(scene, field, ray, &node, nearest);
+        let at_leaf = reached && node.side <= LEAF_SIDE;
+        if at_leaf {
+            // Loaded again, so that it takes no registers while nodes are tested.
+            let base = BaseTriangle::load(scene, primitive);
+            nearest = intersect_leaf(field, &base, ray, node, nearest, counts);
         }
-        // On to the next node that holds some of the grid's cells.
-        let mut searching = true;
-        while searching {
-            if descend {
-                node = node.child(order.label(0, node.inverted));
-            } else {
-                let label = node.path & 3;
-                // Back to the parent, up from last children.
-                if node.path == ROOT {
-                    return nearest;
-                }
-                node = node.parent();
-                let place = order.place(label, node.inverted);
-                if place == 3 {
-                    continue;
-                }
-                node = node.child(order.label(place + 1, node.inverted));
-            }
-            descend = false;
-            searching = node.is_empty(field.subdivisions);
-        }
+        let done = any && nearest.is_some();
+        node = if done {
+            Node { path: NONE, ..node }
+        } else {
+            node.next(order, reached && !at_leaf, field.subdivisions)
+        };
     }
+    nearest
 }
 
 /// Cells a side of the nodes that are not divided: their four micro-triangles share six micro-vertices, which costs less
@@ -138,6 +117,8 @@ fn intersect_leaf(
 
 /// [`Node::path`] of the root.
 const ROOT: u32 = 1;
+/// [`Node::path`] behind the last node.
+const NONE: u32 = 0;
 /// Label of the child between the three at the corners.
 const MIDDLE: u32 = 3;
 
@@ -162,6 +143,34 @@ impl Node {
     #[inline]
     fn root(n: u32) -> Node {
         Node { j: 0, k: 0, side: n.next_power_of_two(), inverted: false, path: ROOT }
+    }
+
+    /// The node after this one, of those that hold some of the grid's cells: its first child where it is to `descend`, else
+    /// its next sibling, or that of the first ancestor that has one. One whose path is [`NONE`] behind the last.
+    #[inline]
+    fn next(self, order: Order, descend: bool, n: u32) -> Node {
+        let mut node = self;
+        let mut descend = descend;
+        let mut searching = true;
+        while searching {
+            if descend {
+                node = node.child(order.label(0, node.inverted));
+                searching = node.is_empty(n);
+            } else if node.path == ROOT {
+                node.path = NONE;
+                searching = false;
+            } else {
+                let label = node.path & 3;
+                node = node.parent();
+                let place = order.place(label, node.inverted);
+                if place < 3 {
+                    node = node.child(order.label(place + 1, node.inverted));
+                    searching = node.is_empty(n);
+                }
+            }
+            descend = false;
+        }
+        node
     }
 
     /// The child at corner `label` in the order of [`Cell::vertex`], or the one between them.
