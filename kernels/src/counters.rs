@@ -21,8 +21,8 @@ pub struct Counts {
     pub triangles: u32,
     /// Walks that met their cap on steps.
     pub cap_hits: u32,
-    /// Prisms scanned because their walk could not be trusted.
-    pub scans: u32,
+    /// Walks that ended inside the grid because signs told no way on.
+    pub lost_walks: u32,
     /// Sub-triangles of quadtrees tested.
     pub sub_triangles: u32,
 }
@@ -40,7 +40,7 @@ impl Counts {
             self.cells,
             self.triangles,
             self.cap_hits,
-            self.scans,
+            self.lost_walks,
             self.sub_triangles,
         ]
     }

@@ -85,8 +85,8 @@ pub struct Work {
     pub triangles: u64,
     /// Walks that met their cap on steps.
     pub cap_hits: u64,
-    /// Prisms scanned because their walk could not be trusted.
-    pub scans: u64,
+    /// Walks that ended inside the grid because signs told no way on.
+    pub lost_walks: u64,
     /// Sub-triangles of quadtrees tested.
     pub sub_triangles: u64,
 }
@@ -228,7 +228,7 @@ impl Work {
             steps: total(counter::CELLS),
             triangles: total(counter::TRIANGLES),
             cap_hits: total(counter::CAP_HITS),
-            scans: total(counter::SCANS),
+            lost_walks: total(counter::LOST_WALKS),
             sub_triangles: total(counter::SUB_TRIANGLES),
         }
     }

@@ -199,7 +199,7 @@ fn statistics_have_every_number() {
     for present in ["vertices", "primitives", "height_texels", "color_texels", "lights"] {
         number(&format!("/bytes/{present}"));
     }
-    for present in ["cap_hits", "scans", "boxes", "prisms"] {
+    for present in ["cap_hits", "lost_walks", "boxes", "prisms"] {
         number(&format!("/work/{present}"));
     }
     assert_eq!(stats["backend"], "cpu");

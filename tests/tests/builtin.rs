@@ -1,4 +1,5 @@
-//! The grid walk against brute force on the built-in scenes and on random ones, and what tracing promises whatever the method.
+//! The quadtree and the grid walk against brute force on the built-in scenes and on random ones, and what tracing promises
+//! whatever the method.
 
 use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
@@ -58,18 +59,18 @@ fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Int
     }
 }
 
-/// Both methods on rays of all kinds, and on those that leave what they hit.
+/// Quadtree and brute force on rays of all kinds, and on those that leave what they hit.
 fn compare_methods(job: &Job, seed: u64, of_each: usize) {
     let first = rays(job, seed, of_each);
     let hits = traced(job, method::BRUTE_FORCE, &first);
-    assert_identical(job, &first, &traced(job, method::GRID_WALK, &first), &hits);
+    assert_identical(job, &first, &traced(job, method::QUADTREE, &first), &hits);
 
     let mut source = RaySource::new(job, seed + 100);
     let hits: Vec<_> = hits.into_iter().filter(|hit| hit.primitive != MISS).collect();
     assert!(4 * hits.len() > first.len(), "{} hits are no test", hits.len());
     let second: Vec<Ray> = hits.iter().map(|hit| source.leaving(hit)).collect();
-    let walked = traced(job, method::GRID_WALK, &second);
-    assert_identical(job, &second, &walked, &traced(job, method::BRUTE_FORCE, &second));
+    let found = traced(job, method::QUADTREE, &second);
+    assert_identical(job, &second, &found, &traced(job, method::BRUTE_FORCE, &second));
 }
 
 fn compare_methods_at_all_n(name: &str, of_each: usize) {
@@ -79,23 +80,51 @@ fn compare_methods_at_all_n(name: &str, of_each: usize) {
 }
 
 #[test]
-fn grid_walk_is_brute_force_on_the_cube() {
+fn quadtree_is_brute_force_on_the_cube() {
     compare_methods_at_all_n("builtin:cube", 2000);
 }
 
 #[test]
-fn grid_walk_is_brute_force_on_the_quilt() {
+fn quadtree_is_brute_force_on_the_quilt() {
     compare_methods_at_all_n("builtin:quilt", 2000);
 }
 
 #[test]
-fn grid_walk_is_brute_force_on_the_knot() {
+fn quadtree_is_brute_force_on_the_knot() {
     compare_methods_at_all_n("builtin:knot", 2000);
+}
+
+/// What the grid walk misses on the built-in scenes, by kind of ray: where the exact hit is another one, or the only one.
+/// It never finds what is not there. The shares are the accuracy table of EXACTNESS.md; the bounds here leave room
+/// for other random numbers.
+#[test]
+fn grid_walk_misses_what_is_said_of_it() {
+    // From outside, from inside, grazing, along normals, towards base edges.
+    let most = [0.005, 0.005, 0.005, 1.0, 0.01];
+    let mut table = String::new();
+    for (name, n) in [("cube", 8), ("cube", 64), ("quilt", 17), ("quilt", 128), ("knot", 8), ("knot", 64)] {
+        let job = subdivided(&format!("builtin:{name}"), n);
+        let rays = rays(&job, 21, 2000);
+        let exact = traced(&job, method::QUADTREE, &rays);
+        let walked = traced(&job, method::GRID_WALK, &rays);
+        assert!(exact.iter().zip(&walked).all(|(e, w)| e.t <= w.t));
+        table += &format!("{name:<6} N = {n:<4}");
+        for (kind, most) in most.into_iter().enumerate() {
+            let of_kind = || exact.iter().zip(&walked).skip(kind).step_by(5);
+            let hits = of_kind().filter(|(e, _)| e.primitive != MISS).count();
+            let missed = of_kind().filter(|(e, w)| bytes_of(*e) != bytes_of(*w)).count();
+            let share = missed as f64 / hits as f64;
+            table += &format!(" {:>6.2} %", 100.0 * share);
+            assert!(share <= most, "kind {kind}: {share}\n{table}");
+        }
+        table += "\n";
+    }
+    println!("{table}");
 }
 
 /// Normals that lean from not at all to wildly, every format and wrap.
 #[test]
-fn grid_walk_is_brute_force_on_random_solids() {
+fn quadtree_is_brute_force_on_random_solids() {
     let mut numbers = Numbers::new(4);
     let formats = [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32];
     let wraps = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
@@ -110,7 +139,7 @@ fn grid_walk_is_brute_force_on_random_solids() {
 /// comes to its nearest at grid point (1, 2), and the micro-triangle that is hit has no more than that point in common
 /// with the cells of the path.
 #[test]
-fn grid_walk_finds_a_hit_across_a_micro_vertex() {
+fn quadtree_finds_a_hit_across_a_micro_vertex() {
     let vertex = |position: [f32; 3], normal: [f32; 3]| Vertex {
         position: position.into(),
         normal: Vec3::from(normal).normalize(),
@@ -152,7 +181,7 @@ fn grid_walk_finds_a_hit_across_a_micro_vertex() {
         );
         let exact = traced(&job, method::BRUTE_FORCE, &[ray]);
         assert_ne!(exact[0].primitive, MISS);
-        assert_identical(&job, &[ray], &traced(&job, method::GRID_WALK, &[ray]), &exact);
+        assert_identical(&job, &[ray], &traced(&job, method::QUADTREE, &[ray]), &exact);
     }
 }
 
@@ -174,7 +203,7 @@ fn the_order_of_primitives_does_not_show() {
         let job = subdivided(name, n);
         let reversed = reversed_leaf(&job);
         let rays = rays(&job, 7, of_each);
-        for method in [method::BRUTE_FORCE, method::GRID_WALK] {
+        for method in [method::BRUTE_FORCE, method::GRID_WALK, method::QUADTREE] {
             let hits = traced(&job, method, &rays);
             assert_identical(&job, &rays, &hits, &traced(&reversed, method, &rays));
         }
@@ -185,7 +214,7 @@ fn the_order_of_primitives_does_not_show() {
 fn leaving_outwards(job: &Job, seed: u64, count: usize) -> Vec<(Intersection, Ray)> {
     let mut source = RaySource::new(job, seed);
     let rays: Vec<Ray> = (0..count).map(|_| source.from_outside()).collect();
-    let hits = traced(job, method::GRID_WALK, &rays);
+    let hits = traced(job, method::QUADTREE, &rays);
     let hits: Vec<_> = hits.into_iter().filter(|hit| hit.primitive != MISS).collect();
     assert!(2 * hits.len() > count, "{} hits are no test", hits.len());
     hits.into_iter().map(|hit| (hit, source.leaving_outwards(&hit))).collect()
@@ -206,7 +235,7 @@ fn hit_again(job: &Job, method: u32, left: &Intersection, ray: &Ray) -> Hit {
 fn assert_nothing_in_the_way(scene: Scene, seed: u64, count: usize) {
     let job = scenes::ready(scene, Wrap::Repeat);
     let left = leaving_outwards(&job, seed, count);
-    for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK] {
+    for method in [method::NONE, method::BRUTE_FORCE, method::GRID_WALK, method::QUADTREE] {
         let hits: Vec<_> = left
             .iter()
             .map(|(hit, ray)| (hit, ray, hit_again(&job, method, hit, ray)))

@@ -89,11 +89,12 @@ impl TestScene {
     }
 }
 
-/// Random rays: from outside, from inside the prism, grazing, and along the interpolated normal.
-pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers) -> TraversalRay {
+/// Random rays: from outside, from inside the prism, grazing; with `adversarial` a fifth of them aimed at micro-vertices and
+/// micro-edges, and a fifth along the normal, half of these exactly.
+pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers, adversarial: bool) -> TraversalRay {
     let mut target = prism.target(numbers);
     let base = prism.base();
-    if numbers.unit() < 0.2 {
+    if adversarial && numbers.unit() < 0.2 {
         // A micro-vertex, or the middle of a micro-edge: several micro-triangles are met at once.
         let n = prism.scene.frame.subdivisions;
         let j = (numbers.unit() * n as f32) as u32;
@@ -104,7 +105,7 @@ pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers) -> TraversalRay {
         let b = base.micro_vertex(&field, j, k + 1).position;
         target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };
     }
-    let kind = numbers.unit();
+    let kind = numbers.unit() * if adversarial { 1.0 } else { 0.8 };
     let origin = if kind < 0.3 {
         target + numbers.vec3() * 10.0
     } else if kind < 0.6 {

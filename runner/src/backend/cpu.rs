@@ -292,7 +292,7 @@ fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
 mod tests {
     use super::*;
     use crate::render::{Job, Scene, prepare};
-    use crate::scene::builtin;
+    use crate::scene::{Relief, builtin};
     use crate::settings::{Method, Settings};
 
     const GOING_ON: ControlFlow<()> = ControlFlow::Continue(());
@@ -331,10 +331,8 @@ mod tests {
         let cube = builtin::load("builtin:cube").expect("built in");
         let scene = Scene {
             mesh: cube.mesh,
-            height_map: cube.height,
+            reliefs: vec![Relief { map: cube.height, zero: cube.zero, scale: cube.scale }],
             color_map: cube.color,
-            zero: cube.zero,
-            scale: cube.scale,
             subdivisions,
         };
         let method = Method::BruteForce;
@@ -350,7 +348,7 @@ mod tests {
         let mut backend = CpuBackend::new();
         backend.load(&job.buffers, &job.frame, job.features).expect("fits");
         let _ = backend.add_sample(5, &mut |_| GOING_ON);
-        let scene = view(&backend.scene, &backend.frame);
+        let scene = backend.scene.view(&backend.frame);
         for (i, pixel) in backend.film.iter().enumerate() {
             let (x, y) = (word(i % 200), word(i / 200));
             let sample = sample_pixel(&scene, job.features, x, y, 5, &mut Counts::default());

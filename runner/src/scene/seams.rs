@@ -254,3 +254,160 @@ fn key(position: Vec3) -> [u32; 3] {
 fn index(count: usize) -> u32 {
     u32::try_from(count).expect("a mesh has at most 2^32 - 1 triangles")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::{Job, Scene, prepare};
+    use crate::scene::{HeightMap, Relief};
+    use crate::settings::{Normals, Settings, Weld, Wrap};
+    use emboss_kernels::displacement::surface::BaseTriangle;
+    use emboss_kernels::interface::height_format;
+
+    /// A number in [-1, 1) that looks random.
+    fn noise(seed: u32) -> f32 {
+        let bits = emboss_kernels::sampler::pcg4d(glam::UVec4::new(seed, 1, 2, 3)).x;
+        (f64::from(bits) / 2_147_483_648.0 - 1.0) as f32
+    }
+
+    /// An octahedron whose eight faces share positions, and by `split` neither normals nor texture coordinates, or only
+    /// one of them; with `maps` different maps by turns.
+    fn octahedron(split_normals: bool, split_uv: bool, maps: u32) -> Scene {
+        let axes = [Vec3::X, Vec3::Y, -Vec3::X, -Vec3::Y, Vec3::Z, -Vec3::Z];
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for side in 0..4_usize {
+            for face in [[side, (side + 1) % 4, 4], [(side + 1) % 4, side, 5]] {
+                let first = index(vertices.len());
+                triangles.push([first, first + 1, first + 2]);
+                let flat = (axes[face[0]] + axes[face[1]] + axes[face[2]]).normalize();
+                for corner in face {
+                    let seed = if split_uv { vertices.len() } else { corner };
+                    let position = axes[corner] * (1.0 + 0.2 * noise(index(corner)));
+                    let normal = if split_normals { flat } else { axes[corner] };
+                    let (u, v) = (noise(100 + index(seed)), noise(200 + index(seed)));
+                    vertices.push(Vertex { position, normal, u, v });
+                }
+            }
+        }
+        let mut mesh = Mesh::from_triangles(&vertices, &triangles);
+        for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
+            triangle.displacement = index(i) % maps;
+        }
+        let relief = |seed: u32| Relief {
+            map: HeightMap {
+                width: 5,
+                height: 4,
+                format: height_format::FLOAT32,
+                texels: (0..20).map(|i| noise(1000 * seed + i).to_bits()).collect(),
+                range: (-1.0, 1.0),
+                replaced: 0,
+            },
+            zero: 0.1,
+            scale: 0.3 + 0.1 * seed as f32,
+        };
+        Scene { mesh, reliefs: (0..maps).map(relief).collect(), color_map: None, subdivisions: 1 }
+    }
+
+    fn job(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> Job {
+        let settings =
+            Settings { width: 1, height: 1, wrap: Wrap::Mirror, normals, weld, ..Settings::default() };
+        prepare(Scene { subdivisions, ..scene.clone() }, &settings).expect("framed")
+    }
+
+    /// All micro-vertices on borders, by where they stand on the base mesh: the ends' positions and how far along.
+    fn border(job: &Job) -> HashMap<([u32; 3], [u32; 3], u32), Vec<[u32; 3]>> {
+        let view = job.buffers.view(&job.frame);
+        let field = HeightField::new(&view, job.features);
+        let n = job.frame.subdivisions;
+        let mut border: HashMap<_, Vec<_>> = HashMap::new();
+        for primitive in 0..job.frame.triangle_count {
+            let base = BaseTriangle::load(&view, primitive);
+            for (j, k) in (0..=n).flat_map(|j| (0..=n - j).map(move |k| (j, k))) {
+                let weights = [(n - j - k, base.p0), (j, base.p1), (k, base.p2)];
+                let ends: Vec<_> = weights.into_iter().filter(|&(weight, _)| weight > 0).collect();
+                let place = match ends[..] {
+                    [(_, p)] => (key(p), key(p), 0),
+                    [(_, p), (m, q)] => (key(p), key(q), m),
+                    _ => continue,
+                };
+                let position = base.micro_vertex(&field, j, k).position;
+                border.entry(place).or_default().push(key(position));
+            }
+        }
+        border
+    }
+
+    fn cracks(job: &Job) -> usize {
+        let border = border(job);
+        assert!(border.values().all(|positions| positions.len() >= 2), "the mesh is closed");
+        border.values().filter(|positions| positions.iter().any(|p| *p != positions[0])).count()
+    }
+
+    #[test]
+    fn all_triangles_at_a_border_have_its_micro_vertices_to_the_bit() {
+        for (split_normals, split_uv, maps) in
+            [(true, false, 1), (false, true, 1), (true, true, 1), (false, false, 2), (true, true, 3)]
+        {
+            let scene = octahedron(split_normals, split_uv, maps);
+            for n in [1, 2, 3, 7, 16] {
+                for normals in [Normals::Normalized, Normals::Linear] {
+                    assert_eq!(cracks(&job(&scene, n, normals, Weld::On)), 0, "N = {n}");
+                    let raw = job(&scene, n, normals, Weld::Off);
+                    assert!(cracks(&raw) > 0, "without welding there is nothing to test");
+                    assert_eq!(raw.features.seams, 0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_that_agree_have_no_seams() {
+        let job = job(&octahedron(false, false, 1), 4, Normals::Normalized, Weld::On);
+        assert!(job.buffers.seams.is_empty() && job.buffers.seam_sides.is_empty());
+        assert_eq!(job.features.seams, 0);
+        assert_eq!(cracks(&job), 0);
+    }
+
+    /// Two triangles folded along the x axis, with normals +z and +y, each with its own map: heights 1 and 3.
+    #[test]
+    fn seams_are_displaced_by_the_mean_of_heights_along_the_mean_of_normals() {
+        let vertex =
+            |position: [f32; 3], normal| Vertex { position: position.into(), normal, u: 0.5, v: 0.5 };
+        let vertices = [
+            vertex([0.0, 0.0, 0.0], Vec3::Z),
+            vertex([4.0, 0.0, 0.0], Vec3::Z),
+            vertex([0.0, 4.0, 0.0], Vec3::Z),
+            vertex([4.0, 0.0, 0.0], Vec3::Y),
+            vertex([0.0, 0.0, 0.0], Vec3::Y),
+            vertex([0.0, 0.0, -4.0], Vec3::Y),
+        ];
+        let mut mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [3, 4, 5]]);
+        mesh.triangles[1].displacement = 1;
+        let relief = |height: f32| Relief { map: HeightMap::flat(height), zero: 0.0, scale: 1.0 };
+        let scene = Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
+        let job = job(&scene, 4, Normals::Normalized, Weld::On);
+        let view = job.buffers.view(&job.frame);
+        let field = HeightField::new(&view, job.features);
+        let base = BaseTriangle::load(&view, 0);
+        let half = 2.0 * std::f32::consts::FRAC_1_SQRT_2;
+        // On the fold both ends and the middle are lifted by 2 towards (0, 1, 1); the corner across by its own 1.
+        for (j, x) in [(0, 0.0), (2, 2.0), (4, 4.0)] {
+            let position = base.micro_vertex(&field, j, 0).position;
+            assert!(position.abs_diff_eq(Vec3::new(x, half, half), 4e-7), "{position}");
+        }
+        assert_eq!(base.micro_vertex(&field, 0, 4).position, Vec3::new(0.0, 4.0, 1.0));
+        assert_eq!(base.micro_vertex(&field, 1, 1).position, Vec3::new(1.0, 1.0, 1.0));
+        // Ranges hold what they are of.
+        let seams = job.buffers.seams[0];
+        assert_eq!((seams.flags & 7, seams.heights), (3, [2.0, 2.0, 0.0]));
+        assert!(seams.height_min[2] <= 2.0 && seams.height_max[2] >= 2.0 && seams.height_max[2] < 2.001);
+    }
+
+    #[test]
+    fn opposite_normals_leave_the_first_ones_direction() {
+        assert_eq!(mean_direction(&[Vec3::Y, -Vec3::Y]), Vec3::Y);
+        assert_eq!(mean_direction(&[Vec3::Y, Vec3::Y]), Vec3::Y);
+        let mean = mean_direction(&[Vec3::Y, Vec3::X, Vec3::X]);
+        assert!(mean.abs_diff_eq(Vec3::new(1.0, 1.0, 0.0).normalize(), 1e-7), "{mean}");
+    }
+}
