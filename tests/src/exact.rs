@@ -1,11 +1,12 @@
 //! Whether a backend's nearest hits are those of the micro-triangle surface: rays by the million, judged by the oracle.
 
 use crate::oracle::{Clarity, Oracle};
-use crate::{Numbers, RaySource};
-use emboss::backend::Backend;
+use crate::{Numbers, RaySource, scenes};
+use emboss::backend::{Backend, SceneBuffers};
 use emboss::render::{Job, Scene};
 use emboss::scene::{HeightMap, Mesh, Relief};
-use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format};
+use emboss::settings::{Normals, Settings, Weld, Wrap};
+use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_format, method};
 use emboss_kernels::scene::Features;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -74,9 +75,21 @@ pub struct Tallies {
 }
 
 impl Tallies {
-    /// All rays.
-    pub fn rays(&self) -> u64 {
-        self.random.rays + self.aimed.rays + self.leaving.rays
+    /// Asserts that the rays were a test, of scenes that may be open and that rays may see from ten radii away: even the
+    /// micro-triangles of the knot at N = 64 leave more than half of all random rays no choice, and of nearly all
+    /// others to miss what is hit.
+    ///
+    /// # Panics
+    /// Where they were not.
+    pub fn assert_telling(&self) {
+        let Tallies { random, aimed, leaving } = self;
+        assert!(5 * random.hits > 2 * random.rays, "too few hits: {self:?}");
+        assert!(2 * random.clear > random.rays, "too many close calls: {self:?}");
+        assert!(100 * random.must_hit > 99 * random.hits, "too few hits that are sure: {self:?}");
+        assert!(1000 * random.same > 998 * random.hits, "too many other micro-triangles: {self:?}");
+        // A sheet's edges are a border that rays may miss.
+        assert!(5 * aimed.must_hit > aimed.rays, "too few hits that are sure: {self:?}");
+        assert!(leaving.hits > 0, "no ray comes back: {self:?}");
     }
 }
 
@@ -115,19 +128,81 @@ pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) ->
     rays.par_iter().zip(hits).map(one).reduce(Tally::default, sum)
 }
 
-/// Has a backend trace `count` rays of all kinds, as `seed` decides, by `method`, and every answer judged.
+/// The numbers of subdivisions of the grid cases: one, odd ones, powers of two, one above a power of two.
+pub const SUBDIVISIONS: [u32; 5] = [1, 3, 8, 17, 64];
+
+/// So many rays a case, or 10^8 where the environment has `EMBOSS_LONG=1`.
+pub fn rays_a_case(count: usize) -> usize {
+    if std::env::var("EMBOSS_LONG").is_ok_and(|long| long == "1") { 100_000_000 } else { count }
+}
+
+/// A backend, and the oracle that knows how it rounds.
+pub struct Court<'a> {
+    /// The backend whose quadtree method is judged.
+    pub backend: &'a mut dyn Backend,
+    /// Makes its oracle.
+    pub oracle: fn(&SceneBuffers, &Frame, Features) -> Oracle,
+}
+
+impl Court<'_> {
+    /// A built-in scene at each N of [`SUBDIVISIONS`], with `count` rays of all kinds each.
+    pub fn judge_builtin(&mut self, name: &str, count: usize) {
+        let scene = scenes::builtin(name);
+        for n in SUBDIVISIONS {
+            let job = scenes::ready(Scene { subdivisions: n, ..scene.clone() }, Wrap::Repeat);
+            self.judge_job(&job, u64::from(n), count);
+        }
+    }
+
+    /// Linear directions on the two built-in scenes whose normals lean or are welded.
+    pub fn judge_linear_normals(&mut self, count: usize) {
+        let settings = Settings { normals: Normals::Linear, width: 1, height: 1, ..Settings::default() };
+        for name in ["builtin:cube", "builtin:knot"] {
+            let scene = scenes::builtin(name);
+            for n in [1, 6, 17] {
+                let job = scenes::job(Scene { subdivisions: n, ..scene.clone() }, &settings);
+                self.judge_job(&job, u64::from(n), count);
+            }
+        }
+    }
+
+    /// The [`patchwork`] in all wraps, with directions of both kinds, welded and not.
+    pub fn judge_patchwork(&mut self, count: usize) {
+        let formats = [
+            [height_format::UNORM8, height_format::UNORM8],
+            [height_format::UNORM16, height_format::FLOAT32],
+            [height_format::UNORM16, height_format::UNORM16],
+        ];
+        let wraps = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+        for ((wrap, formats), seed) in wraps.into_iter().zip(formats).zip(1..) {
+            for normals in [Normals::Normalized, Normals::Linear] {
+                for weld in [Weld::On, Weld::Off] {
+                    let settings =
+                        Settings { wrap, normals, weld, width: 1, height: 1, ..Settings::default() };
+                    for n in [1, 6, 17] {
+                        let job = scenes::job(patchwork(seed, formats, n), &settings);
+                        assert_eq!(job.features.seams, u32::from(weld == Weld::On));
+                        self.judge_job(&job, seed + u64::from(n), count);
+                    }
+                }
+            }
+        }
+    }
+
+    /// One scene, and whether its rays were a test.
+    fn judge_job(&mut self, job: &Job, seed: u64, count: usize) {
+        let oracle = (self.oracle)(&job.buffers, &job.frame, job.features);
+        judge_rays(job, &oracle, self.backend, seed, count).assert_telling();
+    }
+}
+
+/// Has a backend trace `count` rays of all kinds, as `seed` decides, through its quadtrees, and every answer
+/// judged.
 ///
 /// # Panics
 /// Where an answer is wrong, or the backend fails.
-pub fn judge_rays(
-    job: &Job,
-    oracle: &Oracle,
-    backend: &mut dyn Backend,
-    method: u32,
-    seed: u64,
-    count: usize,
-) -> Tallies {
-    let features = Features { method, ..job.features };
+fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, count: usize) -> Tallies {
+    let features = Features { method: method::QUADTREE, ..job.features };
     backend.load(&job.buffers, &job.frame, features).expect("a test's scene fits");
     let mut tallies = Tallies::default();
     let mut trace = |rays: &[Ray], tally: &mut Tally| {

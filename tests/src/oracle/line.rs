@@ -117,7 +117,7 @@ pub(super) fn edge_distance(p: [DVec2; 3], e: usize) -> f64 {
     let along = b - a;
     let squared = along.length_squared();
     let s = if squared > 0.0 { (-a.dot(along) / squared).clamp(0.0, 1.0) } else { 0.0 };
-    (a + along * s).length()
+    (a + along * s).length_squared().sqrt()
 }
 
 /// Distance to the triangle's plane, and the least and greatest that f32 may report: see the head of this file.

@@ -149,7 +149,8 @@ impl Meeting {
     /// than two of them could make up.
     fn has_certain_side(&self, error: f64) -> bool {
         let [a, b, c] = self.outline;
-        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+        let sides = [b - a, c - b, a - c].map(DVec2::length_squared);
+        let longest = sides[0].max(sides[1]).max(sides[2]).sqrt();
         (b - a).perp_dot(c - a).abs() > 2.0 * error * longest
     }
 
