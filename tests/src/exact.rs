@@ -107,25 +107,26 @@ pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) ->
             }
             Ok(clarity)
         });
-        let clarity = verdict.unwrap_or_else(|disagreement| {
+        let clarity = verdict.map_err(|disagreement| {
             let (n, features) = (job.frame.subdivisions, job.features);
-            panic!("{disagreement:?}: N = {n}, {features:?}\n{ray:?}\n{hit:?}\n{answer:#?}")
-        });
+            format!("{disagreement:?}: N = {n}, {features:?}\n{ray:?}\n{hit:?}\n{answer:#?}")
+        })?;
         let hit_something = hit.primitive != MISS;
         let same = |nearest: (u32, u32)| nearest == (hit.primitive, hit.cell);
-        Tally {
+        Ok(Tally {
             rays: 1,
             hits: u64::from(hit_something),
             must_hit: u64::from(answer.must_hit()),
             clear: u64::from(clarity == Clarity::Clear),
             same: u64::from(hit_something && answer.nearest().is_some_and(|m| same((m.base, m.cell)))),
-        }
+        })
     };
     let sum = |mut a: Tally, b: Tally| {
         a += b;
-        a
+        Ok(a)
     };
-    rays.par_iter().zip(hits).map(one).reduce(Tally::default, sum)
+    let tally: Result<Tally, String> = rays.par_iter().zip(hits).map(one).try_reduce(Tally::default, sum);
+    tally.unwrap_or_else(|wrong| panic!("{wrong}"))
 }
 
 /// The numbers of subdivisions of the grid cases: one, odd ones, powers of two, one above a power of two.
@@ -189,8 +190,8 @@ impl Court<'_> {
         }
     }
 
-    /// One scene, and whether its rays were a test.
-    fn judge_job(&mut self, job: &Job, seed: u64, count: usize) {
+    /// One scene, by `count` rays of all kinds, which must have been a test.
+    pub fn judge_job(&mut self, job: &Job, seed: u64, count: usize) {
         let oracle = (self.oracle)(&job.buffers, &job.frame, job.features);
         judge_rays(job, &oracle, self.backend, seed, count).assert_telling();
     }

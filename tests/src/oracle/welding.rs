@@ -152,3 +152,89 @@ fn decide(corners: &[(Vertex, u32)], reliefs: &[Relief], rounding: Rounding) -> 
     let error = mean(&|relief, uv| relief.height_error(uv.abs(), rounding));
     Decided { direction, height, height_error: error + UNIT_ROUNDOFF * height.abs() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use emboss_kernels::interface::{Displacement, height_format};
+    use emboss_kernels::scene::Features;
+    use glam::Vec3;
+
+    /// Two triangles at the edge (0,0,0)-(0,1,0), which agree on nothing there, and one that shares (0,0,0) and (1,0,0)
+    /// with the first. The first map is twice u, the second 10 throughout.
+    fn folded(welded: bool) -> (Welding, SceneBuffers) {
+        let vertex = |x: f32, y: f32, normal: Vec3, u: f32| Vertex {
+            position: Vec3::new(x, y, if u > 0.5 { 0.0 } else { -0.0 }),
+            normal,
+            u,
+            v: 0.5,
+        };
+        let vertices = vec![
+            vertex(0.0, 0.0, Vec3::X, 0.5),
+            vertex(0.0, 0.0, Vec3::Y, 0.75),
+            vertex(0.0, 1.0, Vec3::Z, 0.25),
+            vertex(0.0, 1.0, -Vec3::Z, 0.5),
+            vertex(1.0, 0.0, Vec3::Z, 0.5),
+            vertex(-1.0, 0.0, Vec3::Z, 0.5),
+            vertex(0.0, -1.0, Vec3::Z, 0.5),
+        ];
+        let triangle = |vertices, displacement| Triangle { vertices, displacement, ..Triangle::default() };
+        let map = |first_word, width| Displacement {
+            scale: 1.0,
+            map_width: width,
+            map_height: 1,
+            first_word,
+            ..Displacement::default()
+        };
+        let buffers = SceneBuffers {
+            vertices,
+            triangles: vec![triangle([0, 2, 4], 0), triangle([1, 3, 5], 1), triangle([0, 4, 6], 0)],
+            displacements: vec![map(0, 2), map(2, 1)],
+            height_texels: [0.5_f32, 1.5, 10.0].map(f32::to_bits).to_vec(),
+            ..SceneBuffers::default()
+        };
+        let features =
+            Features { height_format: height_format::FLOAT32, height_wrap: 1, ..Features::default() };
+        let reliefs: Vec<Relief> =
+            buffers.displacements.iter().map(|map| Relief::new(&buffers, map, features)).collect();
+        (Welding::new(&buffers, &reliefs, 3, welded, Rounding::IEEE), buffers)
+    }
+
+    #[test]
+    fn corners_that_disagree_take_means() {
+        let (welding, _) = folded(true);
+        let [a, b] = [(0, 0), (1, 1)].map(|(vertex, map)| welding.junction(vertex, map));
+        assert_eq!(a, b);
+        let corner = welding.decided(a).expect("two vertices stand there");
+        assert!((corner.direction - DVec3::new(0.5, 0.5, 0.0).normalize()).length() < 1e-15);
+        assert_eq!(corner.height, (1.0 + 10.0) / 2.0);
+        let cancelling = welding.decided(welding.junction(3, 1)).expect("two vertices stand there");
+        assert_eq!((cancelling.direction, cancelling.height), (DVec3::Z, (0.5 + 10.0) / 2.0));
+        assert!(welding.decided(welding.junction(4, 0)).is_none());
+    }
+
+    #[test]
+    fn edge_whose_triangles_disagree_is_a_seam_of_both() {
+        let (welding, _) = folded(true);
+        let [mut ends, shared] =
+            [[(0, 0), (2, 0)], [(0, 0), (4, 0)]].map(|ends| ends.map(|(v, map)| welding.junction(v, map)));
+        let start_first = ends[0] < ends[1];
+        ends.sort_unstable();
+        let side = |start: f64, end: f64, map| {
+            let [start, end] = [start, end].map(|u| DVec2::new(u, 0.5));
+            if start_first { Side { start, end, map } } else { Side { start: end, end: start, map } }
+        };
+        assert_eq!(welding.sides(ends[0], ends[1]), Some(&[side(0.5, 0.25, 0), side(0.75, 0.5, 1)][..]));
+        assert_eq!(welding.sides(shared[0].min(shared[1]), shared[0].max(shared[1])), None);
+    }
+
+    #[test]
+    fn unwelded_corners_are_shared_by_the_same_vertex_and_map_alone() {
+        let (welding, buffers) = folded(false);
+        let uses: BTreeSet<Use> = buffers.triangles.iter().flat_map(uses).collect();
+        let junctions: BTreeSet<u32> = uses.iter().map(|&(v, map)| welding.junction(v, map)).collect();
+        assert_eq!(junctions.len(), uses.len());
+        assert!(junctions.iter().all(|&junction| welding.decided(junction).is_none()));
+        assert!(welding.seams.is_empty());
+    }
+}
