@@ -75,9 +75,9 @@ pub struct Tallies {
 }
 
 impl Tallies {
-    /// Asserts that the rays were a test, of scenes that may be open and that rays may see from ten radii away: even the
-    /// micro-triangles of the knot at N = 64 leave more than half of all random rays no choice, and of nearly all
-    /// others to miss what is hit.
+    /// Asserts that the rays were a test: of random ones at least two in five hit, more than half have no choice, and
+    /// nearly all hits are sure to be hits of something. The least clear are those that see the knot at N = 64 from
+    /// ten radii away: what rounding does to a ray of that length is a tenth of a micro-triangle's width.
     ///
     /// # Panics
     /// Where they were not.
