@@ -76,8 +76,8 @@ pub struct Tallies {
 
 impl Tallies {
     /// Asserts that the rays were a test: of random ones at least two in five hit, more than half have no choice, and
-    /// nearly all hits are sure to be hits of something. The least clear are those that see the knot at N = 64 from
-    /// ten radii away: what rounding does to a ray of that length is a tenth of a micro-triangle's width.
+    /// nearly all hits are sure to be hits of something. The floors lie below the least that was measured: clear are 3/4
+    /// on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, sure of the aimed ones 0.27 on the quilt at N = 1.
     ///
     /// # Panics
     /// Where they were not.

@@ -1,5 +1,5 @@
 //! The exact method on lavapipe, as `exact.rs` judges it on the CPU, by fewer rays: a tenth in the grid cases and a
-//! fifth elsewhere, which is what two cores trace and judge in two to three minutes. `EMBOSS_LONG=1` makes them 10^8.
+//! fifth elsewhere, some 180 s of processor time. `EMBOSS_LONG=1` makes them 10^8.
 
 use emboss_tests::exact::{Court, rays_a_case};
 use emboss_tests::oracle::Oracle;

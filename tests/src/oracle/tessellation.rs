@@ -34,7 +34,7 @@ impl Cell {
     }
 }
 
-/// Squares a side of a [`Block`], two cells each. From 2 to 6 there is no difference in time to measure at N = 17, and
+/// Squares a side of a [`Block`], two cells each. From 2 to 6 times at N = 17 differ by no more than they do from run to run, and
 /// larger blocks make a smaller tree.
 pub(super) const BLOCK: u32 = 4;
 
