@@ -1,6 +1,7 @@
 //! Whole-program tests of Emboss, and what they share.
 
 pub mod compare;
+pub mod exact;
 mod lavapipe;
 mod numbers;
 pub mod oracle;

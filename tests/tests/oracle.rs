@@ -6,36 +6,9 @@ use emboss::render::{Job, Scene};
 use emboss::settings::Wrap;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::scene::Features;
+use emboss_tests::exact::{self, Tally};
 use emboss_tests::oracle::{Clarity, Disagreement, Oracle};
 use emboss_tests::{Numbers, RaySource, scenes};
-
-/// What became of the rays of a test.
-#[derive(Debug, Default)]
-struct Tally {
-    rays: u64,
-    hits: u64,
-    /// Rays that rounding does not let through, whatever they hit.
-    must_hit: u64,
-    /// Rays for which rounding left no choice.
-    clear: u64,
-    /// Hits on the micro-triangle that exact arithmetic finds nearest.
-    same: u64,
-}
-
-impl Tally {
-    /// Asserts that rays at random were a test: enough hits, and so few close calls that wrong answers had nowhere to
-    /// hide.
-    fn assert_clear(&self) {
-        assert!(2 * self.hits > self.rays, "too few hits: {self:?}");
-        assert!(100 * self.clear > 98 * self.rays, "too many close calls: {self:?}");
-        assert!(1000 * self.same > 998 * self.hits, "too many other micro-triangles: {self:?}");
-    }
-
-    /// Asserts the same of rays that are aimed at edges: close calls, of which most must be hits of something.
-    fn assert_tight(&self) {
-        assert!(4 * self.must_hit > 3 * self.rays, "too few hits that are sure: {self:?}");
-    }
-}
 
 /// The nearest hits of rays by one method.
 fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
@@ -45,32 +18,11 @@ fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
     backend.trace_rays(rays).expect("the CPU does not fail")
 }
 
-/// Traces rays by both methods and has every answer judged.
+/// Traces rays by both exact methods and has every answer judged.
 fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
     let oracle = Oracle::new(&job.buffers, &job.frame, job.features);
-    let answers: Vec<_> = rays.iter().map(|ray| oracle.trace(ray)).collect();
-    for method in [method::BRUTE_FORCE, method::GRID_WALK] {
-        for ((ray, answer), hit) in rays.iter().zip(&answers).zip(traced(job, method, rays)) {
-            let context = || {
-                let n = job.frame.subdivisions;
-                format!("method {method}, N = {n}\n{ray:?}\n{hit:?}\n{answer:#?}")
-            };
-            match answer.judge(&hit) {
-                Ok(clarity) => tally.clear += u64::from(clarity == Clarity::Clear),
-                Err(disagreement) => panic!("{disagreement:?}: {}", context()),
-            }
-            tally.rays += 1;
-            tally.must_hit += u64::from(answer.must_hit());
-            if hit.primitive == MISS {
-                continue;
-            }
-            tally.hits += 1;
-            let same = answer.nearest().is_some_and(|m| (m.base, m.cell) == (hit.primitive, hit.cell));
-            tally.same += u64::from(same);
-            if let Err(disagreement) = oracle.judge_surface(ray, answer, &hit) {
-                panic!("{disagreement:?}: {}", context());
-            }
-        }
+    for method in [method::QUADTREE, method::BRUTE_FORCE] {
+        *tally += exact::judge(job, &oracle, rays, &traced(job, method, rays));
     }
 }
 

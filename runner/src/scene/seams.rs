@@ -201,7 +201,8 @@ pub fn decide_heights(
     let mut readings: HashMap<[u32; 3], Vec<Reading>> = HashMap::new();
     for &(number, _, vertex) in &corners {
         let Vertex { position, u, v, .. } = vertices[vertex as usize];
-        let reading = ([u, v].map(f32::to_bits), maps[&number]);
+        // As with positions, -0 counts as 0.
+        let reading = ([u, v].map(|x| (x + 0.0).to_bits()), maps[&number]);
         let at_place = readings.entry(key(position)).or_default();
         if !at_place.contains(&reading) {
             at_place.push(reading);

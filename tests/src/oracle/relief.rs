@@ -1,6 +1,6 @@
 //! The height map in f64, and how far an f32 evaluation of it may be off.
 
-use super::UNIT_ROUNDOFF;
+use super::rounding::{Rounding, UNIT_ROUNDOFF};
 use emboss::backend::SceneBuffers;
 use emboss_kernels::interface::{Displacement, height_format, wrap};
 use emboss_kernels::scene::Features;
@@ -21,11 +21,11 @@ pub(super) struct Relief {
 }
 
 impl Relief {
-    /// The relief of a scene.
+    /// One of a scene's height maps.
     pub(super) fn new(buffers: &SceneBuffers, displacement: &Displacement, features: Features) -> Self {
         let count = displacement.map_width as usize * displacement.map_height as usize;
-        let texels: Vec<f64> =
-            (0..count).map(|i| texel(&buffers.height_texels, features.height_format, i)).collect();
+        let words = &buffers.height_texels[displacement.first_word as usize..];
+        let texels: Vec<f64> = (0..count).map(|i| texel(words, features.height_format, i)).collect();
         let magnitude = texels.iter().fold(0.0, |most, texel| texel.abs().max(most));
         let mut relief = Relief {
             width: i64::from(displacement.map_width),
@@ -54,20 +54,18 @@ impl Relief {
         self.scale * ((1.0 - t) * upper + t * lower - self.zero)
     }
 
-    /// Bound on the error of a height computed in f32 from texture coordinates that are sums of three terms, whose
-    /// magnitudes add up to `uv`.
+    /// Bound on the error of a height computed in f32 from texture coordinates that are interpolated on the grid, the
+    /// magnitudes of their terms adding up to `uv`.
     ///
-    /// The coordinates are off by 4 u of their terms (weight, product, two sums). Reducing them to [0,1] adds 2 u,
-    /// scaling to texels 1 u of the map's size, and a shift of x texels changes the bilinear value by at most x times
-    /// the steepest step. Each of the three interpolations has its difference, of two texels of either sign, and its
-    /// result rounded: 3 u of the greatest texel; they are two deep. With the texel's own conversion and the weights,
-    /// that is 9 u. Subtracting zero and scaling add two more roundings.
-    pub(super) fn height_error(&self, uv: DVec2) -> f64 {
+    /// Reducing the coordinates to [0,1] adds 2 u, scaling to texels the product and 1 u of the map's size, and a shift of
+    /// x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add two
+    /// roundings.
+    pub(super) fn height_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
         let size = DVec2::new(self.width as f64, self.height as f64);
-        let shift = UNIT_ROUNDOFF * size * (4.0 * uv + DVec2::splat(3.0));
-        let filter = 9.0 * UNIT_ROUNDOFF * self.magnitude;
-        let offset = 2.0 * UNIT_ROUNDOFF * (self.magnitude + self.zero.abs());
-        self.scale.abs() * (shift.dot(self.steepest) + filter + offset)
+        let shift = size * (rounding.interpolation() * uv + DVec2::splat(3.0 + rounding.product));
+        let filter = rounding.bilinear() * self.magnitude;
+        let offset = 2.0 * (self.magnitude + self.zero.abs());
+        UNIT_ROUNDOFF * self.scale.abs() * (shift.dot(self.steepest) + filter + offset)
     }
 
     /// The texel in column `i` from the left and row `j` from the top of the map that goes on without end.
@@ -117,12 +115,18 @@ fn texel(words: &[u32], format: u32, i: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// A 3x2 map without displacement's offset, 0 1 2 over 10 11 12.
+    /// A 3x2 map without displacement's offset, 0 1 2 over 10 11 12, behind another map.
     fn relief(wrap: u32) -> Relief {
-        let texels = [0.0_f32, 1.0, 2.0, 10.0, 11.0, 12.0].map(f32::to_bits).to_vec();
+        let before = [7.0_f32, 7.0];
+        let texels = before.into_iter().chain([0.0, 1.0, 2.0, 10.0, 11.0, 12.0]).map(f32::to_bits).collect();
         let buffers = SceneBuffers { height_texels: texels, ..SceneBuffers::default() };
-        let displacement =
-            Displacement { scale: 1.0, map_width: 3, map_height: 2, ..Displacement::default() };
+        let displacement = Displacement {
+            scale: 1.0,
+            map_width: 3,
+            map_height: 2,
+            first_word: 2,
+            ..Displacement::default()
+        };
         let features =
             Features { height_format: height_format::FLOAT32, height_wrap: wrap, ..Features::default() };
         Relief::new(&buffers, &displacement, features)

@@ -1,9 +1,11 @@
 //! The micro-triangle surface in f64, stored: what the kernels never do.
 
-use super::UNIT_ROUNDOFF;
 use super::relief::Relief;
+use super::rounding::{Rounding, UNIT_ROUNDOFF};
+use super::welding::{Decided, Side, Welding, uv};
 use emboss::backend::SceneBuffers;
-use emboss_kernels::interface::FLIPPED;
+use emboss_kernels::interface::{FLIPPED, normals};
+use emboss_kernels::scene::Features;
 use glam::{DVec2, DVec3};
 
 /// A micro-triangle within its piece, by the grid points (j, k) of its three vertices.
@@ -32,15 +34,93 @@ impl Cell {
     }
 }
 
-/// Which micro-vertices are one and the same: those of an edge belong to all triangles with that edge.
+/// Squares a side of a [`Block`], two cells each. From 2 to 6 times at N = 17 differ by no more than they do from run to run, and
+/// larger blocks make a smaller tree.
+pub(super) const BLOCK: u32 = 4;
+
+/// The cells of a piece with j and k from these on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Block {
+    /// Index of the base triangle.
+    pub(super) piece: u32,
+    pub(super) j: u32,
+    pub(super) k: u32,
+}
+
+/// Which micro-vertices are one and the same: those of an edge belong to all triangles that share it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum VertexKey {
-    /// A vertex of the base mesh.
+    /// At a junction.
     Corner(u32),
-    /// On the base edge between two vertices, ascending, so many steps from the first.
+    /// On the base edge between two junctions, ascending, so many steps from the first.
     Edge(u32, u32, u32),
     /// Inside a base triangle, at grid point (j, k).
     Inside(u32, u32, u32),
+}
+
+/// What all pieces are made from.
+pub(super) struct Base<'a> {
+    buffers: &'a SceneBuffers,
+    reliefs: Vec<Relief>,
+    welding: Welding,
+    /// Whether directions stay as long as interpolation makes them.
+    linear: bool,
+    rounding: Rounding,
+    n: u32,
+}
+
+impl<'a> Base<'a> {
+    /// Decides what the first `count` triangles share.
+    pub(super) fn new(
+        buffers: &'a SceneBuffers,
+        features: Features,
+        rounding: Rounding,
+        count: u32,
+        n: u32,
+    ) -> Base<'a> {
+        let reliefs: Vec<Relief> =
+            buffers.displacements.iter().map(|map| Relief::new(buffers, map, features)).collect();
+        let welding = Welding::new(buffers, &reliefs, count, features.seams != 0, rounding);
+        Base { buffers, reliefs, welding, linear: features.normals == normals::LINEAR, rounding, n }
+    }
+}
+
+/// Where and how a micro-vertex is displaced.
+struct Site {
+    point: DVec3,
+    /// Sums of the magnitudes of the terms of `point`.
+    magnitude: DVec3,
+    direction: DVec3,
+    /// Error of `direction`, in u.
+    direction_error: f64,
+    height: f64,
+    height_error: f64,
+}
+
+impl Site {
+    /// The micro-vertex.
+    fn vertex(&self, linear: bool) -> DVec3 {
+        let direction = if linear { self.direction } else { self.direction.normalize_or_zero() };
+        self.point + self.height * direction
+    }
+
+    /// How far f32 arithmetic may move it.
+    ///
+    /// Two vectors within d of each other, one of them of length l, differ in direction by at most 2 d / l; finding the
+    /// length and dividing the height by it add to the displacement's length. A direction, however wrong, is no longer
+    /// than 1, so that two are at most 2 apart. The last fused operation rounds the coordinate, and its product.
+    fn error(&self, linear: bool, rounding: Rounding) -> f64 {
+        let direction = if linear {
+            UNIT_ROUNDOFF * self.direction_error
+        } else {
+            let turned = 2.0 * self.direction_error / self.direction.length();
+            (UNIT_ROUNDOFF * (turned + rounding.by_length())).min(2.0)
+        };
+        let lift = self.height.abs() * direction + self.height_error;
+        let magnitude = (rounding.interpolation() + 1.0) * self.magnitude;
+        let lifted = DVec3::splat((1.0 + rounding.product) * self.height.abs());
+        lift + UNIT_ROUNDOFF * (magnitude + lifted).length()
+    }
 }
 
 /// The displaced grid over one base triangle.
@@ -52,47 +132,39 @@ pub(super) struct Piece {
     /// Greatest corner.
     pub(super) max: DVec3,
     /// Its micro-vertices, row by row: (0,0), (0,1), .. (0,N), (1,0), ..
-    pub(super) vertices: Vec<DVec3>,
+    vertices: Vec<DVec3>,
     /// Texture coordinates of the base triangle's vertices.
     pub(super) uv: [DVec2; 3],
     /// Whether the stored order is clockwise seen from outside.
     pub(super) flipped: bool,
     /// Greatest distance by which f32 arithmetic may move one of its micro-vertices.
     pub(super) error: f64,
-    corners: [u32; 3],
+    junctions: [u32; 3],
     n: u32,
 }
 
 impl Piece {
-    /// Displaces the grid of base triangle `base`: P + h n / |n|, all interpolated linearly; where the interpolated
-    /// normal vanishes there is no direction to displace in, and the vertex stays.
-    pub(super) fn new(buffers: &SceneBuffers, relief: &Relief, base: u32, n: u32) -> Self {
-        let triangle = buffers.triangles[base as usize];
-        let corners = triangle.vertices.map(|v| buffers.vertices[v as usize]);
-        let p = corners.map(|v| v.position.as_dvec3());
-        let normals = corners.map(|v| v.normal.as_dvec3());
-        let uv = corners.map(|v| DVec2::new(f64::from(v.u), f64::from(v.v)));
+    /// Displaces the grid of base triangle `triangle`: P + h n / |n|, all interpolated linearly, or P + h n where
+    /// directions are linear. Where the interpolated normal vanishes there is no direction to displace in, and the
+    /// vertex stays.
+    pub(super) fn new(base: &Base<'_>, triangle: u32) -> Self {
+        let border = Border::new(base, triangle);
+        let n = base.n;
         let mut piece = Piece {
-            base,
+            base: triangle,
             min: DVec3::INFINITY,
             max: DVec3::NEG_INFINITY,
-            vertices: Vec::new(),
-            uv,
-            flipped: triangle.flags & FLIPPED != 0,
+            vertices: Vec::with_capacity((n as usize + 1) * (n as usize + 2) / 2),
+            uv: border.uv,
+            flipped: base.buffers.triangles[triangle as usize].flags & FLIPPED != 0,
             error: 0.0,
-            corners: triangle.vertices,
+            junctions: border.junctions,
             n,
         };
         for (j, k) in (0..=n).flat_map(|j| (0..=n - j).map(move |k| (j, k))) {
-            let w = piece.weights(j, k);
-            let (point, normal) = (mixed(w, p), mixed(w, normals));
-            let length = normal.length();
-            let height = relief.height(mixed(w, uv));
-            let direction = normal.normalize_or_zero();
-            let vertex = point + height * direction;
-            let height_error = relief.height_error(mixed(w, uv.map(DVec2::abs)));
-            let error = vertex_error(mixed(w, p.map(DVec3::abs)), length, height, height_error);
-            piece.error = piece.error.max(error);
+            let site = border.site(base, piece.weights(j, k));
+            let vertex = site.vertex(base.linear);
+            piece.error = piece.error.max(site.error(base.linear, base.rounding));
             piece.min = piece.min.min(vertex);
             piece.max = piece.max.max(vertex);
             piece.vertices.push(vertex);
@@ -100,11 +172,27 @@ impl Piece {
         piece
     }
 
-    /// All its cells.
-    pub(super) fn cells(&self) -> impl Iterator<Item = Cell> + use<> {
-        let n = self.n;
-        (0..n).flat_map(move |j| {
-            (0..n - j).flat_map(move |k| {
+    /// The blocks that its cells fall into.
+    pub(super) fn blocks(&self) -> impl Iterator<Item = Block> + use<> {
+        let (piece, n) = (self.base, self.n);
+        let starts = move |from| (0..n - from).step_by(BLOCK as usize);
+        starts(0).flat_map(move |j| starts(j).map(move |k| Block { piece, j, k }))
+    }
+
+    /// The micro-vertices of a block's cells, row by row.
+    pub(super) fn block_rows(&self, block: Block) -> impl Iterator<Item = &[DVec3]> {
+        let (n, Block { j, k, .. }) = (self.n, block);
+        (j..=(j + BLOCK).min(n - k)).map(move |j| {
+            let (first, last) = (self.index((j, k)), self.index((j, (k + BLOCK).min(n - j))));
+            &self.vertices[first..=last]
+        })
+    }
+
+    /// The cells of a block.
+    pub(super) fn block_cells(&self, block: Block) -> impl Iterator<Item = Cell> + use<> {
+        let (n, Block { j, k, .. }) = (self.n, block);
+        (j..(j + BLOCK).min(n)).flat_map(move |j| {
+            (k..(k + BLOCK).min(n - j)).flat_map(move |k| {
                 let lower = Cell { j, k, upper: false };
                 let upper = Cell { j, k, upper: true };
                 std::iter::once(lower).chain((j + k + 1 < n).then_some(upper))
@@ -112,15 +200,26 @@ impl Piece {
         })
     }
 
+    /// The box around a block's micro-vertices.
+    pub(super) fn block_bounds(&self, block: Block) -> (DVec3, DVec3) {
+        let points = self.block_rows(block).flatten();
+        points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)))
+    }
+
     /// Place of grid point (j, k) among the vertices: rows 0 to j - 1 have N + 1, N, .. of them.
-    pub(super) fn index(&self, (j, k): (u32, u32)) -> usize {
+    fn index(&self, (j, k): (u32, u32)) -> usize {
         let (n, j, k) = (self.n as usize, j as usize, k as usize);
         j * (n + 1) - j * (j.max(1) - 1) / 2 + k
     }
 
+    /// The micro-vertex over grid point (j, k).
+    pub(super) fn vertex(&self, point: (u32, u32)) -> DVec3 {
+        self.vertices[self.index(point)]
+    }
+
     /// The micro-vertices of a cell.
     pub(super) fn corners(&self, cell: Cell) -> [DVec3; 3] {
-        cell.grid_points().map(|point| self.vertices[self.index(point)])
+        cell.grid_points().map(|point| self.vertex(point))
     }
 
     /// Barycentric coordinates of grid point (j, k) on the base triangle.
@@ -132,9 +231,9 @@ impl Piece {
     pub(super) fn key(&self, (j, k): (u32, u32)) -> VertexKey {
         let steps = [self.n - j - k, j, k];
         let present: Vec<(u32, u32)> =
-            self.corners.into_iter().zip(steps).filter(|&(_, steps)| steps > 0).collect();
+            self.junctions.into_iter().zip(steps).filter(|&(_, steps)| steps > 0).collect();
         match present[..] {
-            [(vertex, _)] => VertexKey::Corner(vertex),
+            [(junction, _)] => VertexKey::Corner(junction),
             [(a, _), (b, from_a)] if a < b => VertexKey::Edge(a, b, from_a),
             [(a, from_b), (b, _)] => VertexKey::Edge(b, a, from_b),
             _ => VertexKey::Inside(self.base, j, k),
@@ -142,18 +241,85 @@ impl Piece {
     }
 }
 
-/// How far f32 arithmetic may move a micro-vertex at `height` over a point whose coordinates are sums of terms that
-/// add up to `magnitude`, with an interpolated normal of `length` and a height off by `height_error`.
-///
-/// Point and normal are off by 4 u of their terms (weight, product, two fused sums). The normal's add up to a vector no
-/// longer than 1, so that its direction is off by at most 8 u / length; the squares, the root and the quotient add
-/// 4 u to the direction's length. The last fused operation rounds the coordinate. A direction, however wrong, is no
-/// longer than 1, so that two are at most 2 apart.
-fn vertex_error(magnitude: DVec3, length: f64, height: f64, height_error: f64) -> f64 {
-    let direction = UNIT_ROUNDOFF * (8.0 / length + 4.0);
-    let lift = height.abs() * direction.min(2.0) + height_error;
-    let rounding = UNIT_ROUNDOFF * (5.0 * magnitude + DVec3::splat(height.abs()));
-    lift + rounding.length()
+/// A base triangle with what is decided along its border.
+struct Border<'a> {
+    positions: [DVec3; 3],
+    normals: [DVec3; 3],
+    uv: [DVec2; 3],
+    map: u32,
+    junctions: [u32; 3],
+    corners: [Option<&'a Decided>; 3],
+    /// The sides of the edge across from each corner, where it is a seam.
+    sides: [Option<&'a [Side]>; 3],
+}
+
+impl<'a> Border<'a> {
+    fn new(base: &'a Base<'_>, triangle: u32) -> Border<'a> {
+        let triangle = base.buffers.triangles[triangle as usize];
+        let vertices = triangle.vertices.map(|v| base.buffers.vertices[v as usize]);
+        let junctions = triangle.vertices.map(|v| base.welding.junction(v, triangle.displacement));
+        let sides = [0, 1, 2].map(|e| {
+            let (a, b) = (junctions[(e + 1) % 3], junctions[(e + 2) % 3]);
+            base.welding.sides(a.min(b), a.max(b))
+        });
+        Border {
+            positions: vertices.map(|v| v.position.as_dvec3()),
+            normals: vertices.map(|v| v.normal.as_dvec3()),
+            uv: vertices.map(|v| uv(&v)),
+            map: triangle.displacement,
+            junctions,
+            corners: junctions.map(|junction| base.welding.decided(junction)),
+            sides,
+        }
+    }
+
+    /// The micro-vertex over barycentric coordinates `w` of a grid point.
+    fn site(&self, base: &Base<'_>, w: [f64; 3]) -> Site {
+        let relief = &base.reliefs[self.map as usize];
+        let inner = Site {
+            point: mixed(w, self.positions),
+            magnitude: mixed(w, self.positions.map(DVec3::abs)),
+            direction: mixed(w, self.normals),
+            // Normals add up to a vector no longer than 1.
+            direction_error: base.rounding.interpolation(),
+            height: relief.height(mixed(w, self.uv)),
+            height_error: relief.height_error(mixed(w, self.uv.map(DVec2::abs)), base.rounding),
+        };
+        // Decided directions come rounded.
+        let direction_error = inner.direction_error + 1.0;
+        if let Some(corner) = (0..3).find(|&e| w[e] == 1.0) {
+            return match self.corners[corner] {
+                Some(&Decided { direction, height, height_error }) => {
+                    Site { direction, direction_error, height, height_error, ..inner }
+                }
+                None => inner,
+            };
+        }
+        let Some((edge, sides)) = (0..3).filter(|&e| w[e] == 0.0).find_map(|e| Some((e, self.sides[e]?)))
+        else {
+            return inner;
+        };
+        let direction = |e: usize| self.corners[e].map_or(self.normals[e], |decided| decided.direction);
+        let (a, b) = ((edge + 1) % 3, (edge + 2) % 3);
+        let (from, to) = if self.junctions[a] < self.junctions[b] { (a, b) } else { (b, a) };
+        let count = sides.len() as f64;
+        let (mut height, mut magnitude, mut height_error) = (0.0, 0.0, 0.0);
+        for side in sides {
+            let relief = &base.reliefs[side.map as usize];
+            let h = relief.height(side.start * w[from] + side.end * w[to]);
+            height += h / count;
+            magnitude += h.abs() / count;
+            let terms = side.start.abs() * w[from] + side.end.abs() * w[to];
+            height_error += relief.height_error(terms, base.rounding) / count;
+        }
+        Site {
+            direction: direction(a) * w[a] + direction(b) * w[b],
+            direction_error,
+            height,
+            height_error: height_error + UNIT_ROUNDOFF * base.rounding.mean(sides.len()) * magnitude,
+            ..inner
+        }
+    }
 }
 
 /// The weighted sum of three values.

@@ -1,7 +1,7 @@
 //! Whether what a backend reports can be what f32 arithmetic makes of the exact answer.
 
-use super::{Answer, Cell, DVec2, DVec3, MISS, Meeting, Oracle, Ray, UNIT_ROUNDOFF, edge_distance};
-use crate::oracle::tessellation::mixed;
+use super::tessellation::mixed;
+use super::{Answer, Cell, DVec2, DVec3, MISS, Meeting, Oracle, Ray, Rounding, UNIT_ROUNDOFF, edge_distance};
 use emboss_kernels::interface::Intersection;
 
 /// How much room rounding left.
@@ -149,7 +149,8 @@ impl Meeting {
     /// than two of them could make up.
     fn has_certain_side(&self, error: f64) -> bool {
         let [a, b, c] = self.outline;
-        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+        let sides = [b - a, c - b, a - c].map(DVec2::length_squared);
+        let longest = sides[0].max(sides[1]).max(sides[2]).sqrt();
         (b - a).perp_dot(c - a).abs() > 2.0 * error * longest
     }
 
@@ -205,18 +206,19 @@ impl Oracle {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
         let normal = if piece.flipped { -normal } else { normal };
         let off = (reported.normal.as_dvec3() - normal).length();
-        within(off, normal_error(corners, piece.error), |off, bound| Disagreement::Normal { off, bound })?;
+        within(off, normal_error(corners, piece.error, self.rounding), |off, bound| Disagreement::Normal {
+            off,
+            bound,
+        })?;
 
-        // Barycentrics on the base triangle (b0 rounded twice, 4 u of the grid's weights and the sum of three), and
-        // 4 u of the sum of three coordinates.
+        // Barycentrics on the base triangle (b0 rounded twice, the grid's weights and the sum of three), and the sum of
+        // three coordinates.
         let on_base = mixed(weights, cell.grid_points().map(|(j, k)| DVec3::from(piece.weights(j, k))));
         let uv = mixed(on_base.to_array(), piece.uv);
         let magnitude = piece.uv.iter().fold(0.0, |most: f64, t| most.max(t.abs().max_element()));
         let off = (uv - DVec2::new(f64::from(reported.u), f64::from(reported.v))).abs().max_element();
-        within(off, 16.0 * UNIT_ROUNDOFF * magnitude, |off, bound| Disagreement::TextureCoordinates {
-            off,
-            bound,
-        })
+        let bound = 4.0 * self.rounding.interpolation() * UNIT_ROUNDOFF * magnitude;
+        within(off, bound, |off, bound| Disagreement::TextureCoordinates { off, bound })
     }
 }
 
@@ -229,10 +231,12 @@ fn within(off: f64, bound: f64, describe: impl FnOnce(f64, f64) -> Disagreement)
 ///
 /// A linear function between -e and e at the vertices climbs by 2 e over the triangle's width at the most, so that
 /// the plane tilts by 2 e / (width - 2 e). Rounding the edges' differences moves a vertex by another u of the longest
-/// edge. The cross product is within 3 u, normalisation adds 4 u. Two normals are 2 apart at the most.
-fn normal_error([a, b, c]: [DVec3; 3], error: f64) -> f64 {
+/// edge; products that are not fused are off by as much as moves of the ends of both edges by u each. The cross product is
+/// within 3 u, normalisation adds its own. Two normals are 2 apart at the most.
+fn normal_error([a, b, c]: [DVec3; 3], error: f64, rounding: Rounding) -> f64 {
     let longest = (b - a).length().max((c - b).length()).max((a - c).length());
     let width = (b - a).cross(c - a).length() / longest;
-    let moved = 2.0 * (error + UNIT_ROUNDOFF * longest);
-    if width > 2.0 * moved { (moved / (width - moved) + 7.0 * UNIT_ROUNDOFF).min(2.0) } else { 2.0 }
+    let moved = 2.0 * (error + (1.0 + 2.0 * rounding.product) * UNIT_ROUNDOFF * longest);
+    let rounded = UNIT_ROUNDOFF * (3.0 + rounding.by_length());
+    if width > 2.0 * moved { (moved / (width - moved) + rounded).min(2.0) } else { 2.0 }
 }
