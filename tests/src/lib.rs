@@ -2,6 +2,7 @@
 
 pub mod compare;
 mod lavapipe;
+pub mod meshes;
 mod numbers;
 pub mod oracle;
 mod rays;
@@ -9,4 +10,4 @@ pub mod scenes;
 
 pub use lavapipe::{finish, lavapipe};
 pub use numbers::Numbers;
-pub use rays::RaySource;
+pub use rays::{LeakRays, RaySource};

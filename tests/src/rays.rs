@@ -2,9 +2,12 @@
 
 use crate::Numbers;
 use emboss::render::Job;
-use emboss_kernels::interface::{Intersection, Ray, Vertex};
+use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
+use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex};
+use emboss_kernels::scene::SceneView;
 use emboss_kernels::shading::SurfaceInteraction;
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Makes rays at random for a scene.
 pub struct RaySource<'a> {
@@ -117,6 +120,112 @@ impl<'a> RaySource<'a> {
         let buffers = &self.job.buffers;
         buffers.triangles[primitive as usize].vertices.map(|v| buffers.vertices[v as usize])
     }
+}
+
+/// Rays from within a closed surface, towards where it could leak.
+pub struct LeakRays<'a> {
+    view: SceneView<'a>,
+    field: HeightField<'a>,
+    inside: &'a [Vec3],
+    seed: u64,
+}
+
+/// A micro-vertex on an edge of the base mesh.
+#[derive(Clone, Copy)]
+struct BorderVertex {
+    /// As the kernels compute it.
+    position: Vec3,
+    /// The same height along the same direction in f64.
+    exact: DVec3,
+}
+
+impl<'a> LeakRays<'a> {
+    /// Rays of those made as `seed` decides that are generated at a time.
+    const CHUNK: usize = 1 << 12;
+
+    /// Rays for the scene of `job` from some points, at least one.
+    pub fn new(job: &'a Job, inside: &'a [Vec3], seed: u64) -> Self {
+        let view = job.buffers.view(&job.frame);
+        LeakRays { view, field: HeightField::new(&view, job.features), inside, seed }
+    }
+
+    /// Rays number `first` to `first + count`, made in parallel. They take edge after edge of the base mesh's triangles,
+    /// so that 24 rays for each triangle (8 kinds for 3 edges) come to all.
+    pub fn rays(&self, first: u64, count: usize) -> Vec<Ray> {
+        let chunks: Vec<u64> = (0..count.div_ceil(Self::CHUNK) as u64).collect();
+        chunks
+            .into_par_iter()
+            .flat_map_iter(|chunk| {
+                let start = chunk as usize * Self::CHUNK;
+                let mut numbers = Numbers::new(self.seed ^ (first + start as u64).wrapping_mul(0x9e37_79b9));
+                let items = start..(start + Self::CHUNK).min(count);
+                items.map(move |i| self.ray(first + i as u64, &mut numbers)).collect::<Vec<_>>()
+            })
+            .collect()
+    }
+
+    /// Ray number `i`.
+    fn ray(&self, i: u64, numbers: &mut Numbers) -> Ray {
+        let origin = self.inside[numbers.below(self.inside.len() as u32) as usize];
+        let edges = 3 * self.view.triangles.len() as u64;
+        let edge = (i / 8 % edges) as u32;
+        let n = self.view.frame.subdivisions;
+        let m = numbers.below(n);
+        let along = f64::from(numbers.unit());
+        let direction = match i % 8 {
+            0 => numbers.direction().as_dvec3(),
+            1 => axis_or_plane(numbers).as_dvec3(),
+            // The base mesh: a vertex, and any point of an edge.
+            2 => self.base_point(edge, 0.0) - origin.as_dvec3(),
+            3 => self.base_point(edge, along) - origin.as_dvec3(),
+            // The surface over an edge: micro-vertices by the kernels and in f64, points between two of them.
+            4 => (self.border_vertex(edge, 0).position - origin).as_dvec3(),
+            5 => (self.border_vertex(edge, m).position - origin).as_dvec3(),
+            6 => self.border_vertex(edge, m).exact - origin.as_dvec3(),
+            _ => {
+                let [a, b] = [m, m + 1].map(|m| self.border_vertex(edge, m).position.as_dvec3());
+                a + (b - a) * along - origin.as_dvec3()
+            }
+        };
+        ray(origin, direction.as_vec3())
+    }
+
+    /// The point of an edge of the base mesh that is a share `s` away from its start.
+    fn base_point(&self, edge: u32, s: f64) -> DVec3 {
+        let base = BaseTriangle::load(&self.view, edge / 3);
+        let [a, b] = [1, 2].map(|e| base.position((edge + e) % 3).as_dvec3());
+        a + (b - a) * s
+    }
+
+    /// Micro-vertex number `m`, 0 to N, on an edge.
+    fn border_vertex(&self, edge: u32, m: u32) -> BorderVertex {
+        let n = self.view.frame.subdivisions;
+        let base = BaseTriangle::load(&self.view, edge / 3);
+        let (j, k) = [(n - m, m), (0, n - m), (m, 0)][edge as usize % 3];
+        let vertex = base.micro_vertex(&self.field, j, k);
+        let w = [n - j - k, j, k].map(|part| f64::from(part) / f64::from(n));
+        let mixed = |v: [Vec3; 3]| (0..3).map(|e| v[e].as_dvec3() * w[e]).sum::<DVec3>();
+        let mut directions = [base.n0, base.n1, base.n2];
+        if base.seams != NO_SEAMS {
+            directions = base.seams(&self.field).directions.map(Vec3::from_array);
+        }
+        let position = mixed([base.p0, base.p1, base.p2]);
+        BorderVertex {
+            position: vertex.position,
+            exact: position + mixed(directions) * f64::from(vertex.lift),
+        }
+    }
+}
+
+/// A direction along an axis, or across one.
+fn axis_or_plane(numbers: &mut Numbers) -> Vec3 {
+    let mut direction = numbers.direction();
+    let axis = numbers.below(3) as usize;
+    if numbers.unit() < 0.5 {
+        direction[axis] = 0.0;
+        return direction;
+    }
+    Vec3::AXES[axis] * direction[axis].signum()
 }
 
 /// Where the program lets a ray start that leaves a hit.
