@@ -10,4 +10,4 @@ pub mod scenes;
 
 pub use lavapipe::{finish, lavapipe};
 pub use numbers::Numbers;
-pub use rays::{LeakRays, RaySource};
+pub use rays::{HardRays, Hardship, LeakRays, RaySource};

@@ -2,6 +2,8 @@
 
 use crate::Numbers;
 use emboss::render::Job;
+use emboss_kernels::barycentric::interpolate;
+use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
 use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex};
 use emboss_kernels::scene::SceneView;
@@ -214,6 +216,148 @@ impl<'a> LeakRays<'a> {
             position: vertex.position,
             exact: position + mixed(directions) * f64::from(vertex.lift),
         }
+    }
+}
+
+/// Rays that have every reason to go wrong.
+pub struct HardRays<'a> {
+    view: SceneView<'a>,
+    field: HeightField<'a>,
+    numbers: Numbers,
+    /// Half the diagonal of the box around the displaced model.
+    radius: f32,
+}
+
+/// What makes a ray hard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hardship {
+    /// It runs along the interpolated normal.
+    AlongNormal,
+    /// It runs through two micro-vertices of a grid line.
+    AlongGridLine,
+    /// It is aimed at a micro-vertex or the middle of a micro-edge.
+    ThroughMicroVertex,
+    /// It lies in the plane of a micro-triangle.
+    InPlane,
+    /// It starts on the base triangle.
+    FromBase,
+    /// It starts between base and greatest height.
+    FromPrism,
+    /// It starts at the least or the greatest height, and runs along it or anywhere.
+    FromCap,
+    /// It starts on a micro-triangle, on its border or at its corner.
+    FromSurface,
+    /// It comes to a micro-triangle at 0.01 degree.
+    Grazing,
+    /// Components of its direction are 0, or so small that floats have fewer digits for them.
+    Axis,
+}
+
+impl Hardship {
+    /// All of them.
+    pub const ALL: [Hardship; 10] = [
+        Hardship::AlongNormal,
+        Hardship::AlongGridLine,
+        Hardship::ThroughMicroVertex,
+        Hardship::InPlane,
+        Hardship::FromBase,
+        Hardship::FromPrism,
+        Hardship::FromCap,
+        Hardship::FromSurface,
+        Hardship::Grazing,
+        Hardship::Axis,
+    ];
+}
+
+impl<'a> HardRays<'a> {
+    /// Rays for the scene of `job`, which is not empty, as `seed` decides.
+    pub fn new(job: &'a Job, seed: u64) -> Self {
+        let root = job.buffers.nodes[0];
+        let view = job.buffers.view(&job.frame);
+        let field = HeightField::new(&view, job.features);
+        HardRays { view, field, numbers: Numbers::new(seed), radius: 0.5 * (root.max - root.min).length() }
+    }
+
+    /// A ray.
+    pub fn ray(&mut self, hardship: Hardship) -> Ray {
+        let base = BaseTriangle::load(&self.view, self.numbers.below(self.view.frame.triangle_count));
+        let corners = self.micro_triangle(&base);
+        let [a, b, c] = corners;
+        let anywhere = self.numbers.direction();
+        let distance = self.radius * self.numbers.between(0.0, 3.0);
+        let w = self.numbers.barycentric();
+        let point = interpolate(w, a, b, c);
+        let (origin, direction) = match hardship {
+            Hardship::AlongNormal => {
+                let (p, n) = (interpolate(w, base.p0, base.p1, base.p2), self.normal(&base, w));
+                let side = [0.0, 1.0, -1.0][self.numbers.below(3) as usize];
+                (p + n * (side * distance), if self.numbers.unit() < 0.5 { n } else { -n })
+            }
+            Hardship::AlongGridLine => {
+                let along = b - a;
+                (a - along * self.numbers.between(0.0, 3.0), along)
+            }
+            Hardship::ThroughMicroVertex => {
+                let target = [a, (a + b) * 0.5][self.numbers.below(2) as usize];
+                let origin = target + anywhere * distance;
+                (origin, target - origin)
+            }
+            Hardship::InPlane => {
+                let along =
+                    (b - a) * self.numbers.between(-1.0, 1.0) + (c - a) * self.numbers.between(-1.0, 1.0);
+                (point - along * self.numbers.between(0.0, 5.0), along)
+            }
+            Hardship::FromBase => (interpolate(w, base.p0, base.p1, base.p2), anywhere),
+            Hardship::FromPrism | Hardship::FromCap => {
+                let s = self.numbers.unit();
+                let on_cap = hardship == Hardship::FromCap;
+                let s = if on_cap { s.round() } else { s };
+                let height = base.height_min + (base.height_max - base.height_min) * s;
+                let n = self.normal(&base, w);
+                let level = on_cap && self.numbers.unit() < 0.5;
+                let direction = if level { base.p1 - base.p0 } else { anywhere };
+                (interpolate(w, base.p0, base.p1, base.p2) + n * height, direction)
+            }
+            Hardship::FromSurface => {
+                let origin = [point, a, (a + b) * 0.5, a + (b - a) * w.x][self.numbers.below(4) as usize];
+                let inside = (b - a) * w.y + (c - a) * w.z;
+                (origin, if self.numbers.unit() < 0.7 { anywhere } else { inside })
+            }
+            Hardship::Grazing => {
+                let normal = (b - a).cross(c - a).normalize_or(anywhere);
+                let along = normal.cross(anywhere).normalize_or(anywhere);
+                let direction = along - normal * 0.01_f32.to_radians();
+                (point - direction * distance, direction)
+            }
+            Hardship::Axis => {
+                let mut direction = anywhere;
+                for axis in 0..3 {
+                    direction[axis] *= [1.0, 0.0, -0.0, 1e-40, 1e-30][self.numbers.below(5) as usize];
+                }
+                let target = [point, a][self.numbers.below(2) as usize];
+                let direction = if direction == Vec3::ZERO { Vec3::Y } else { direction };
+                (target - direction.normalize_or(Vec3::Y) * distance, direction)
+            }
+        };
+        // Where a triangle has no extent there is no line to run along.
+        let usable = direction.is_finite() && direction != Vec3::ZERO;
+        ray(origin, if usable { direction } else { anywhere })
+    }
+
+    /// The corners of a micro-triangle, in any order.
+    fn micro_triangle(&mut self, base: &BaseTriangle) -> [Vec3; 3] {
+        let n = self.field.subdivisions;
+        let j = self.numbers.below(n);
+        let k = self.numbers.below(n - j);
+        let upper = j + k + 2 <= n && self.numbers.unit() < 0.5;
+        let corners = base.micro_triangle(&self.field, Cell { j, k, upper }).map(|vertex| vertex.position);
+        let first = self.numbers.below(3) as usize;
+        [0, 1, 2].map(|e| corners[(first + e) % 3])
+    }
+
+    /// The unit normal at barycentric coordinates; any where there is none.
+    fn normal(&mut self, base: &BaseTriangle, w: Vec3) -> Vec3 {
+        interpolate(w, base.n0, base.n1, base.n2).normalize_or(self.numbers.direction())
     }
 }
 

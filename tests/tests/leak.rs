@@ -22,6 +22,8 @@ const NORMALS: [Normals; 2] = [Normals::Normalized, Normals::Linear];
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 /// Greatest height, as a share of the distance from origins of rays to the base mesh.
 const RELIEF: f64 = 0.5;
+/// The same for N of 1000 and more: still hundreds of micro-triangles' sides.
+const FINE_RELIEF: f64 = 0.02;
 
 /// How a placed solid is displaced.
 #[derive(Clone, Copy, Debug)]
@@ -40,12 +42,11 @@ struct Displaced {
 /// The scene, ready for rays.
 fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> Job {
     let mut mesh = placed.mesh.clone();
-    let relief = |map: WildMap, numbers: &mut Numbers| Relief {
-        map: map.map(numbers),
-        zero: how.zero,
-        #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
-        scale: (RELIEF * placed.room) as f32,
-    };
+    let share = if how.subdivisions < 1000 { RELIEF } else { FINE_RELIEF };
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+    let scale = (share * placed.room) as f32;
+    let relief =
+        |map: WildMap, numbers: &mut Numbers| Relief { map: map.map(numbers), zero: how.zero, scale };
     let mut reliefs = vec![relief(how.map, numbers)];
     if let Some(second) = how.second {
         reliefs.push(relief(second, numbers));
@@ -80,20 +81,25 @@ fn assert_surrounded(placed: &Placed) {
     assert!(placed.room > 0.0);
 }
 
-/// `rays` rays in all through a solid at every scale and place, for every N, both directions, all maps and wraps.
+/// Rays of each N in a thousand: the finer, the dearer.
+const SHARES: [usize; 7] = [300, 200, 200, 248, 50, 1, 1];
+
+/// Micro-triangles that the rays of a scene may be tested against at the greatest distance from the origin. There
+/// rounding moves a micro-vertex by a tenth of the mesh, no bound tells micro-triangles apart, and each ray is tested
+/// against most of them.
+const TESTS: usize = 20_000_000;
+
+/// At least `rays` rays through a solid at every scale and place, for every N, both directions, all maps and wraps.
 fn assert_closed(solid: &Solid, seed: u64, second_map: bool, rays: usize) {
-    // Many rays cost more where there are many micro-triangles.
-    let share = |n: u32| if n > 100 { 1 } else { 4 };
-    let shares: usize = SUBDIVISIONS.iter().map(|&n| share(n)).sum();
-    let each = rays.div_ceil(shares * SCALES.len() * OFFSETS.len() * NORMALS.len());
+    let each = (rays + rays / 2).div_ceil(1000 * SCALES.len() * OFFSETS.len() * NORMALS.len());
     let mut numbers = Numbers::new(seed);
     // Maps, wraps and signs go round at lengths of 5, 3 and 2, which have no factor in common, along with the rest.
-    let mut turn = 0;
+    let (mut turn, mut total) = (0, 0);
     for scale in SCALES {
         for offset in OFFSETS {
             let placed = solid.placed(scale, offset);
             assert_surrounded(&placed);
-            for n in SUBDIVISIONS {
+            for (n, share) in SUBDIVISIONS.into_iter().zip(SHARES) {
                 for normals in NORMALS {
                     let how = Displaced {
                         map: WildMap::ALL[turn % 5],
@@ -104,14 +110,27 @@ fn assert_closed(solid: &Solid, seed: u64, second_map: bool, rays: usize) {
                         wrap: WRAPS[turn % 3],
                         subdivisions: n,
                     };
+                    let mut count = each * share;
+                    if offset > 1e4 {
+                        count = count.min(TESTS / (placed.mesh.triangles.len() * (n * n) as usize));
+                    }
                     let job = displaced(&placed, how, &mut numbers);
-                    let leaks = leaks(&job, &placed, numbers.bits(), each * share(n));
+                    let t0 = std::time::Instant::now();
+                    let leaks = leaks(&job, &placed, numbers.bits(), count);
+                    eprintln!(
+                        "XX {} {n} {} {:?} {}",
+                        count,
+                        t0.elapsed().as_secs_f64(),
+                        how.map,
+                        placed.mesh.dropped
+                    );
                     assert_eq!(leaks, 0, "scale {scale}, offset {offset}, {how:?}");
-                    turn += 1;
+                    (turn, total) = (turn + 1, total + count);
                 }
             }
         }
     }
+    assert!(total >= rays, "{total} rays");
 }
 
 /// Asserts that the same rays leak where edges are not decided: that they find cracks.
