@@ -330,13 +330,14 @@ impl<'a> HardRays<'a> {
                 (point - direction * distance, direction)
             }
             Hardship::Axis => {
+                // One component is left as it is: in lengths of a direction that is all but zero, distances overflow.
                 let mut direction = anywhere;
-                for axis in 0..3 {
-                    direction[axis] *= [1.0, 0.0, -0.0, 1e-40, 1e-30][self.numbers.below(5) as usize];
+                let kept = self.numbers.below(3) as usize;
+                for axis in [kept + 1, kept + 2] {
+                    direction[axis % 3] *= [1.0, 0.0, -0.0, 1e-40, 1e-30][self.numbers.below(5) as usize];
                 }
                 let target = [point, a][self.numbers.below(2) as usize];
-                let direction = if direction == Vec3::ZERO { Vec3::Y } else { direction };
-                (target - direction.normalize_or(Vec3::Y) * distance, direction)
+                (target - direction.normalize_or(anywhere) * distance, direction)
             }
         };
         // Where a triangle has no extent there is no line to run along.
