@@ -16,6 +16,7 @@ use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
 use emboss_kernels::hit::Hit;
 use emboss_kernels::interface::{Intersection, MISS, Ray};
+use emboss_kernels::math::UNIT_ROUNDOFF;
 use emboss_kernels::ray::TraversalRay;
 use emboss_tests::meshes::{self, Solid};
 use emboss_tests::scenes::{WildMap, job};
@@ -33,8 +34,11 @@ const TESTS: usize = 20_000_000;
 #[derive(Debug, Default)]
 struct Tally {
     rays: usize,
-    /// Rays that hit something farther on.
+    /// Rays that hit something again.
     seconds: usize,
+    /// Those of them that have risen farther above the plane by then than rounding lifts a micro-vertex. Not counted where
+    /// it moves micro-vertices by more than a side: such micro-triangles lean any way.
+    risen: usize,
     /// Rays that hit what lies on the other side of the plane that they leave.
     behind: usize,
     /// The first of these.
@@ -68,6 +72,11 @@ fn leave(job: &Job, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
         return;
     }
     tally.seconds += 1;
+    // Two micro-vertices may be off by 28 u each: see `BaseTriangle::bounds`.
+    let coordinate = [a, b, c].map(|p| p.abs().max_element()).into_iter().fold(0.0, f64::max);
+    let rounding = 56.0 * f64::from(UNIT_ROUNDOFF) * coordinate;
+    let side = (b - a).length().min((c - b).length()).min((a - c).length());
+    tally.risen += usize::from(side > rounding && f64::from(second.t) * sine.abs() > rounding);
     let above = |p: DVec3| (p - a).dot(normal) * sine > 0.0;
     if !corners(job, second.primitive, second.cell).into_iter().any(above) {
         tally.behind += 1;
@@ -112,8 +121,8 @@ fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, norma
     job(scene, &Settings { normals, width: 1, height: 1, ..Settings::default() })
 }
 
-/// At every scale and place, for every N, at least `rays` rays; returns those that hit anything again.
-fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> usize {
+/// At every scale and place, for every N, at least `rays` rays; returns what became of them.
+fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> Tally {
     let each = (2 * rays).div_ceil(SCALES.len() * OFFSETS.len() * SUBDIVISIONS.len());
     let mut total = Tally::default();
     let mut seed = 0;
@@ -129,11 +138,12 @@ fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> us
                 let mut found = Tally::default();
                 tally(&job, leaving, seed, count, &mut found);
                 println!(
-                    "scale {scale}, offset {offset}, N = {n}: {} rays, {} hit again, {} of these behind",
-                    found.rays, found.seconds, found.behind
+                    "scale {scale}, offset {offset}, N = {n}: {} rays, {} hit again, {} of these having risen, {} behind",
+                    found.rays, found.seconds, found.risen, found.behind
                 );
                 total.rays += found.rays;
                 total.seconds += found.seconds;
+                total.risen += found.risen;
                 total.behind += found.behind;
                 total.example = total.example.or(found.example);
                 seed += 1;
@@ -145,10 +155,10 @@ fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> us
         "{map:?} {leaving:?}: {} of {} rays, {}",
         total.behind,
         total.rays,
-        total.example.unwrap_or_default()
+        total.example.as_deref().unwrap_or_default()
     );
     assert!(total.rays >= rays, "{} rays", total.rays);
-    total.seconds
+    total
 }
 
 /// A solid moved so that one of its vertices is the origin, where coordinates, and with them the bounds on errors, vanish.
@@ -158,27 +168,32 @@ fn around_a_vertex(mut solid: Solid) -> Solid {
     solid
 }
 
+/// A surface that is convex but for the rounding of its micro-vertices hides nothing from itself but what these hide.
+fn assert_convex(solid: &Solid) {
+    let tally = assert_left(solid, WildMap::Single, Leaving::Outwards, 150_000);
+    assert!(tally.risen == 0 && 100 * tally.seconds < tally.rays, "{tally:?}");
+}
+
 #[test]
 fn convex_solids_are_left_for_good() {
-    for solid in [meshes::cube(), meshes::icosphere(1)] {
-        assert_eq!(assert_left(&solid, WildMap::Single, Leaving::Outwards, 150_000), 0);
+    for levels in [1, 2] {
+        assert_convex(&meshes::icosphere(levels));
     }
 }
 
 #[test]
 fn convex_solids_at_the_origin_are_left_for_good() {
-    for solid in [meshes::cube(), meshes::icosphere(1)] {
-        let solid = around_a_vertex(solid);
-        assert_eq!(assert_left(&solid, WildMap::Single, Leaving::Outwards, 150_000), 0);
+    for levels in [1, 2] {
+        assert_convex(&around_a_vertex(meshes::icosphere(levels)));
     }
 }
 
 #[test]
 fn rough_solids_are_left_for_good() {
-    for solid in
-        [meshes::cube(), meshes::icosphere(1), meshes::genus_three(2), around_a_vertex(meshes::cube())]
-    {
-        let seconds = assert_left(&solid, WildMap::Noise, Leaving::Anywhere, 100_000);
-        assert!(seconds > 20_000, "{seconds} rays hit anything again");
+    let solids =
+        [meshes::cube(), meshes::icosphere(1), meshes::genus_three(2), around_a_vertex(meshes::cube())];
+    for solid in solids {
+        let tally = assert_left(&solid, WildMap::Noise, Leaving::Anywhere, 100_000);
+        assert!(tally.risen > 20_000, "{tally:?}");
     }
 }
