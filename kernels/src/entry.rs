@@ -6,9 +6,10 @@
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 use crate::counters::Counts;
+use crate::displacement::height_pyramid::build_word;
 use crate::interface::{
-    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, SeamSide, Seams,
-    Tile, Triangle, Vertex, counter,
+    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, PyramidPart, Ray,
+    SeamSide, Seams, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::scene::{Features, SceneView};
@@ -158,6 +159,24 @@ pub fn trace_rays(
         put(intersections, i, render::trace_ray(&scene, features, at(rays, i), &mut counts));
     }
     add_counts(counters, shared, local, counts, features);
+}
+
+/// Builds some words of a level of a height map's pyramid.
+#[spirv(compute(threads(64), entry_point_name = "height_pyramid"))]
+pub fn height_pyramid(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] part: &PyramidPart,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &mut [u32],
+) {
+    if id.x < part.count {
+        let map = at(displacements, part.displacement);
+        let item = part.first + id.x;
+        build_word(height_texels, height_ranges, &map, height_format, height_wrap, part.level, item);
+    }
 }
 
 /// Runs one elementary kernel on each item of a batch.

@@ -175,7 +175,7 @@ pub mod counter {
 
 /// Threads of a workgroup of `render` and `resolve` along x and along y.
 pub const TILE_GROUP_SIZE: u32 = 8;
-/// Threads of a workgroup of `trace_rays` and `probe`.
+/// Threads of a workgroup of `trace_rays`, `height_pyramid` and `probe`.
 pub const BATCH_GROUP_SIZE: u32 = 64;
 /// Largest number of subdivisions N of a triangle's side.
 pub const MAX_SUBDIVISIONS: u32 = 4096;
@@ -404,6 +404,20 @@ pub struct Batch {
     pub kernel: u32,
 }
 
+/// Which words of a height map's pyramid one dispatch of `height_pyramid` builds, as push constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PyramidPart {
+    /// Index of the [`Displacement`].
+    pub displacement: u32,
+    /// The level, at least 1.
+    pub level: u32,
+    /// Index of the first word within the level.
+    pub first: u32,
+    /// How many words.
+    pub count: u32,
+}
+
 /// The sum of the samples of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -478,6 +492,7 @@ const _: () = {
     assert!(size_of::<Frame>() == 144);
     assert!(size_of::<Tile>() == 20);
     assert!(size_of::<Batch>() == 12);
+    assert!(size_of::<PyramidPart>() == 16);
     assert!(size_of::<FilmPixel>() == 20);
     assert!(size_of::<Counter>() == 8);
     assert!(size_of::<Ray>() == 32);

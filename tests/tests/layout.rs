@@ -6,7 +6,7 @@
 
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Intersection,
-    PointLight, Ray, TILE_GROUP_SIZE, Tile, Triangle, Vertex, binding, spec,
+    PointLight, PyramidPart, Ray, SeamSide, Seams, TILE_GROUP_SIZE, Tile, Triangle, Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -102,17 +102,20 @@ macro_rules! shared {
 
 shared! {
     Vertex { position, u, normal, v }
-    Triangle { vertices, flags, height_min, height_max }
+    Triangle { vertices, flags, height_min, height_max, displacement, seams }
+    Seams { directions, heights, flags, first_side, side_count, height_min, height_max }
+    SeamSide { start, end, displacement }
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
     Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }
-    Displacement { scale, zero, subdivisions, map_width, map_height, height_min, height_max, padding }
+    Displacement { scale, zero, map_width, map_height, height_min, height_max, first_word, first_range }
     Frame {
-        camera, displacement, width, height, seed, light_count, albedo, ambient, background, background_alpha,
-        color_width, color_height, triangle_count, steps_scale
+        camera, width, height, seed, light_count, albedo, ambient, background, background_alpha, color_width,
+        color_height, triangle_count, steps_scale, subdivisions, height_min, height_max, padding
     }
     Tile { x, y, width, height, sample }
     Batch { first, count, kernel }
+    PyramidPart { displacement, level, first, count }
     FilmPixel { radiance, alpha, samples }
     Counter { low, high }
     Ray { origin, t_max, direction, padding }
@@ -140,7 +143,11 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::TRIANGLES, Triangle::many()),
         (binding::NODES, BvhNode::many()),
         (binding::PRIMITIVES, u32::many()),
+        (binding::DISPLACEMENTS, Displacement::many()),
         (binding::HEIGHT_TEXELS, u32::many()),
+        (binding::HEIGHT_RANGES, u32::many()),
+        (binding::SEAMS, Seams::many()),
+        (binding::SEAM_SIDES, SeamSide::many()),
         (binding::COLOR_TEXELS, u32::many()),
         (binding::LIGHTS, PointLight::many()),
         (binding::FILM, FilmPixel::many()),
@@ -297,7 +304,9 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
     for entry_point in ["trace_rays", "probe"] {
         assert_eq!(push_constants(&module, entry_point), Some(Batch::one()), "{entry_point}");
     }
-    assert!(size_of::<Tile>().max(size_of::<Batch>()) <= PUSH_CONSTANTS_GUARANTEED);
+    assert_eq!(push_constants(&module, "height_pyramid"), Some(PyramidPart::one()));
+    let sizes = [size_of::<Tile>(), size_of::<Batch>(), size_of::<PyramidPart>()];
+    assert!(sizes.into_iter().all(|bytes| bytes <= PUSH_CONSTANTS_GUARANTEED));
 }
 
 #[test]
@@ -307,7 +316,14 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         entry_points.iter().map(|(name, entry)| (name.as_str(), entry.workgroup)).collect();
     let tile = [TILE_GROUP_SIZE, TILE_GROUP_SIZE, 1];
     let batch = [BATCH_GROUP_SIZE, 1, 1];
-    assert_eq!(workgroups, [("probe", batch), ("render", tile), ("resolve", tile), ("trace_rays", batch)]);
+    let expected = [
+        ("height_pyramid", batch),
+        ("probe", batch),
+        ("render", tile),
+        ("resolve", tile),
+        ("trace_rays", batch),
+    ];
+    assert_eq!(workgroups, expected);
 }
 
 /// Changes every decoration for which `change` returns another value.

@@ -2,7 +2,9 @@
 
 use emboss::backend::vulkan::{Selection, VulkanBackend, devices};
 use emboss::backend::{Backend, BackendError, DeviceInfo, DeviceKind, SceneBuffers};
-use emboss_kernels::interface::{BvhNode, Camera, Frame, MISS, PointLight, Ray, Triangle, Vertex, counter};
+use emboss_kernels::interface::{
+    BvhNode, Camera, Displacement, Frame, MISS, PointLight, Ray, SeamSide, Seams, Triangle, Vertex, counter,
+};
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE, PCG4D};
 use emboss_kernels::sampler::pcg4d;
 use emboss_kernels::scene::Features;
@@ -163,6 +165,10 @@ fn scene_with_every_buffer_loads() {
         triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
         nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
         primitives: vec![0],
+        displacements: vec![Displacement::default()],
+        height_ranges: vec![0; 100],
+        seams: vec![Seams::default()],
+        seam_sides: vec![SeamSide::default()],
         // 20 MiB: more than one piece of the staging buffer.
         height_texels: vec![0; 5 << 20],
         color_texels: vec![0; 1024],
@@ -244,7 +250,7 @@ fn map_beyond_the_device_is_too_large() {
     // A word more than lavapipe's 128 MiB. (Zeros that are never touched take no memory of the host.)
     let scene = SceneBuffers { height_texels: vec![0; (128 << 18) + 1], ..SceneBuffers::default() };
     let error = backend.load(&scene, &frame(4, 4), counting()).unwrap_err();
-    assert!(matches!(error, BackendError::TooLarge { name: "the height map", .. }), "{error}");
+    assert!(matches!(error, BackendError::TooLarge { name: "the height maps", .. }), "{error}");
     assert!(error.to_string().contains("scale the map down"), "{error}");
     finish(backend);
 }

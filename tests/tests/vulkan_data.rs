@@ -78,15 +78,22 @@ fn central_rays(job: &Job) -> Vec<Ray> {
     (0..frame.width * frame.height).map(ray).collect()
 }
 
-/// The picture by both backends: alike, and kept.
+/// The picture by both backends and both methods for any N: alike, and kept.
 fn assert_alike(scene: &Scene, settings: &Settings, name: &str) {
-    let job = job(scene.clone(), settings);
+    for method in [Method::Quadtree, Method::GridWalk] {
+        let settings = Settings { method, ..settings.clone() };
+        assert_alike_by(&job(scene.clone(), &settings), &format!("{name}-{method:?}"));
+    }
+}
+
+/// The picture of a job by both backends: alike, and kept.
+fn assert_alike_by(job: &Job, name: &str) {
     let mut backend = lavapipe();
-    let picture = rendered(&mut backend, &job, 1);
+    let picture = rendered(&mut backend, job, 1);
     let mut cpu = CpuBackend::new();
     keep(&picture, &format!("{name}-vulkan.png"));
-    keep(&rendered(&mut cpu, &job, 1), &format!("{name}-cpu.png"));
-    against_cpu(&job, 1, &picture).assert_same(name);
+    keep(&rendered(&mut cpu, job, 1), &format!("{name}-cpu.png"));
+    against_cpu(job, 1, &picture).assert_same(name);
     let caps = counter::CAP_HITS as usize;
     assert_eq!(
         (backend.totals().unwrap()[caps], cpu.totals().unwrap()[caps]),
@@ -96,18 +103,21 @@ fn assert_alike(scene: &Scene, settings: &Settings, name: &str) {
     finish(backend);
 }
 
-/// On each backend the walk's picture is brute force's, bit for bit: the hit comes from the same test of the same
-/// micro-triangle.
-fn assert_walk_is_exact(scene: &Scene, settings: &Settings) {
+/// On each backend the quadtree's picture and the walk's are brute force's, bit for bit: the hit comes from the same test
+/// of the same micro-triangle.
+fn assert_methods_are_exact(scene: &Scene, settings: &Settings) {
     let by = |method| job(scene.clone(), &Settings { method, ..settings.clone() });
-    let (walk, brute_force) = (by(Method::GridWalk), by(Method::BruteForce));
     let mut vulkan = lavapipe();
     let backends: [&mut dyn Backend; 2] = [&mut vulkan, &mut CpuBackend::new()];
     for backend in backends {
-        let (walked, reference) = (rendered(backend, &walk, 1), rendered(backend, &brute_force, 1));
-        let different: Vec<usize> =
-            (0..walked.pixels.len()).filter(|&i| walked.pixels[i] != reference.pixels[i]).collect();
-        assert!(different.is_empty(), "{}: pixels {different:?} differ", backend.device().name);
+        let reference = rendered(backend, &by(Method::BruteForce), 1);
+        for method in [Method::Quadtree, Method::GridWalk] {
+            let picture = rendered(backend, &by(method), 1);
+            let different: Vec<usize> =
+                (0..picture.pixels.len()).filter(|&i| picture.pixels[i] != reference.pixels[i]).collect();
+            let name = &backend.device().name;
+            assert!(different.is_empty(), "{name}, {method:?}: pixels {different:?} differ");
+        }
     }
     finish(vulkan);
 }
@@ -140,11 +150,11 @@ fn isolated(hits: &[Intersection]) -> (Vec<usize>, Vec<usize>) {
 /// since lavapipe ends a shader's loops, without a word, after 65535 rounds of all of them together (Mesa's
 /// `LP_MAX_TGSI_LOOP_ITERATIONS`).
 fn assert_no_stray_pixels(scene: &Scene, settings: &Settings, name: &str) {
-    let walk = job(scene.clone(), settings);
+    let descent = job(scene.clone(), settings);
     let brute_force = job(scene.clone(), &Settings { method: Method::BruteForce, ..settings.clone() });
-    let rays = central_rays(&walk);
+    let rays = central_rays(&descent);
     let mut cpu = CpuBackend::new();
-    let hits = traced(&mut cpu, &walk, &rays);
+    let hits = traced(&mut cpu, &descent, &rays);
     let (holes, spots) = isolated(&hits);
     assert!(holes.is_empty(), "{name} has holes: {holes:?}");
     let suspects: Vec<usize> = spots.iter().copied().chain((0..hits.len()).step_by(11)).collect();
@@ -153,7 +163,7 @@ fn assert_no_stray_pixels(scene: &Scene, settings: &Settings, name: &str) {
         assert_eq!(hits[i], truth, "{name}: pixel ({}, {})", i % SIDE as usize, i / SIDE as usize);
     }
     let mut vulkan = lavapipe();
-    let on_device = isolated(&traced(&mut vulkan, &walk, &rays));
+    let on_device = isolated(&traced(&mut vulkan, &descent, &rays));
     finish(vulkan);
     assert_eq!(on_device, (holes, spots), "{name}: other pixels stand out on the device");
 }
@@ -177,7 +187,7 @@ fn monsterfrog_is_alike_on_both_backends() {
 fn monsterfrog_has_no_stray_pixel() {
     let Some(data) = data() else { return };
     let (scene, settings) = monsterfrog(&data, 8);
-    assert_walk_is_exact(&scene, &settings);
+    assert_methods_are_exact(&scene, &settings);
     let (scene, settings) = monsterfrog(&data, 64);
     assert_no_stray_pixels(&scene, &settings, "monsterfrog");
 }
@@ -195,7 +205,7 @@ fn chesterfield_is_alike_on_both_backends() {
 fn chesterfield_has_no_stray_pixel() {
     let Some(data) = data() else { return };
     let (scene, settings) = chesterfield(&data, 8);
-    assert_walk_is_exact(&scene, &settings);
+    assert_methods_are_exact(&scene, &settings);
     let (scene, settings) = chesterfield(&data, 64);
     assert_no_stray_pixels(&scene, &settings, "chesterfield");
 }

@@ -7,7 +7,7 @@ use emboss::backend::{Backend, Totals};
 use emboss::picture::Picture;
 use emboss::render::{Job, Scene};
 use emboss::scene::{ColorMap, HeightMap, Relief};
-use emboss::settings::{Method, Settings, Shade, Wrap};
+use emboss::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
 use emboss_tests::compare::{Comparison, VISIBLE, against_cpu, rendered};
@@ -19,7 +19,7 @@ use std::ops::ControlFlow;
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 72;
 const SAMPLES: u32 = 2;
-const METHODS: [Method; 3] = [Method::GridWalk, Method::BruteForce, Method::None];
+const METHODS: [Method; 4] = [Method::Quadtree, Method::GridWalk, Method::BruteForce, Method::None];
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 
 /// Asserts that `backend` makes the CPU's picture of a job, of which a fair part is surface.
@@ -106,7 +106,11 @@ fn codes(seed: u32) -> Vec<u32> {
 
 /// The same relief in each format.
 fn relief(format: u32) -> HeightMap {
-    let codes = codes(5);
+    packed(&codes(5), format)
+}
+
+/// A height map of 8-bit texels in a format.
+fn packed(codes: &[u32], format: u32) -> HeightMap {
     let unit = |code: u32| code as f32 / 255.0;
     let word = |codes: &[u32], bits: u32| codes.iter().rev().fold(0, |word, code| word << bits | code);
     let texels = match format {
@@ -178,6 +182,57 @@ fn color_formats_and_wraps_are_alike() {
     let same = |a: usize, b: usize| Comparison::new(&pictures[a], &pictures[b], VISIBLE).strays() < 20;
     assert!(same(0, 3) && same(1, 4) && same(2, 5), "formats differ");
     assert!(!same(0, 1) && !same(1, 2) && !same(2, 0) && !same(0, 6), "wraps or colours do not show");
+    finish(backend);
+}
+
+/// The cube under two maps of 8-bit texels that know nothing of each other, one on every other triangle: at its edges
+/// normals, texture coordinates and maps disagree.
+fn split_cube() -> (Scene, Settings) {
+    let (mut scene, settings) = builtin_scene("builtin:cube", 7, WIDTH, HEIGHT);
+    let relief = |seed, zero, scale| Relief { map: packed(&codes(seed), height_format::UNORM8), zero, scale };
+    scene.reliefs = vec![relief(6, 0.5, 0.4), relief(7, 0.25, -0.3)];
+    for (triangle, map) in scene.mesh.triangles.iter_mut().zip([0, 1].into_iter().cycle()) {
+        triangle.displacement = map;
+    }
+    (scene, settings)
+}
+
+#[test]
+fn seams_and_both_directions_are_alike() {
+    let mut backend = lavapipe();
+    let mut alike = |(scene, settings): (Scene, Settings), method, weld, normals: Normals| {
+        let job = job(scene, &Settings { method, weld, normals, ..settings });
+        assert_eq!((job.features.seams != 0, job.features.normals), (weld == Weld::On, normals.id()));
+        assert_alike(&mut backend, &job, &format!("{method:?}, weld {weld:?}, {normals:?}"))
+    };
+    let by_quadtree = [
+        (Weld::On, Normals::Normalized),
+        (Weld::On, Normals::Linear),
+        (Weld::Off, Normals::Normalized),
+        (Weld::Off, Normals::Linear),
+    ]
+    .map(|(weld, normals)| alike(split_cube(), Method::Quadtree, weld, normals));
+    let differ =
+        |a: usize, b: usize| Comparison::new(&by_quadtree[a], &by_quadtree[b], VISIBLE).strays() > 20;
+    assert!(differ(0, 1), "the direction does not show");
+    assert!(differ(0, 2) && differ(1, 3), "seams do not show");
+    for method in [Method::GridWalk, Method::BruteForce] {
+        alike(split_cube(), method, Weld::On, Normals::Linear);
+    }
+    let knot = builtin_scene("builtin:knot", 6, WIDTH, HEIGHT);
+    alike(knot, Method::Quadtree, Weld::On, Normals::Linear);
+    finish(backend);
+}
+
+/// Rays see the seams and the directions that pictures do.
+#[test]
+fn rays_meet_seams_as_pictures_do() {
+    let mut backend = lavapipe();
+    let (scene, settings) = split_cube();
+    for (weld, normals) in [(Weld::On, Normals::Linear), (Weld::On, Normals::Normalized)] {
+        let job = job(scene.clone(), &Settings { weld, normals, ..settings.clone() });
+        assert_rays_alike(&mut backend, &job, 20_000);
+    }
     finish(backend);
 }
 
@@ -284,21 +339,17 @@ fn agree(ray: &Ray, a: &Intersection, b: &Intersection) -> bool {
     (a.t - b.t).abs() * ray.direction.length() <= bound
 }
 
-/// Of 100,000 rays all must agree, but for those that pass an edge within rounding: they must agree with what the CPU
+/// Of `count` rays all must agree, but for those that pass an edge within rounding: they must agree with what the CPU
 /// finds on a ray turned by 2^-17 to some side (as in [`against_cpu`]).
-#[test]
-fn rays_meet_the_knot_alike() {
-    let mut backend = lavapipe();
-    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
-    let job = job(scene, &settings);
-    let rays = rays_at(&job, 100_000);
+fn assert_rays_alike(backend: &mut VulkanBackend, job: &Job, count: usize) {
+    let rays = rays_at(job, count);
     let mut cpu = CpuBackend::new();
     cpu.load(&job.buffers, &job.frame, job.features).unwrap();
     backend.load(&job.buffers, &job.frame, job.features).unwrap();
     let (on_device, on_cpu) = (backend.trace_rays(&rays).unwrap(), cpu.trace_rays(&rays).unwrap());
 
     let hits = on_cpu.iter().filter(|hit| hit.primitive != MISS).count();
-    assert!((20_000..80_000).contains(&hits), "{hits} hits");
+    assert!((count / 5..count * 19 / 20).contains(&hits), "{hits} hits");
     let (mut other_cell, mut flips) = (0, 0);
     for ((ray, device), cpu_hit) in rays.iter().zip(&on_device).zip(&on_cpu) {
         other_cell += usize::from((device.primitive, device.cell) != (cpu_hit.primitive, cpu_hit.cell));
@@ -310,9 +361,19 @@ fn rays_meet_the_knot_alike() {
         }
     }
     // An edge lies within 2^-17 of a ray's length from it with a probability of about two lengths of micro-edge per
-    // area of micro-triangle, some 200 here, times that: below 2^-9.
+    // area of micro-triangle, some 200 on the knot, times that: below 2^-9.
     assert!(other_cell * 512 <= rays.len(), "{other_cell} rays meet another cell");
     assert!(flips * 512 <= rays.len(), "{flips} rays are off");
+}
+
+#[test]
+fn rays_meet_the_knot_alike() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:knot", 8, WIDTH, HEIGHT);
+    for method in [Method::Quadtree, Method::GridWalk] {
+        let job = job(scene.clone(), &Settings { method, ..settings.clone() });
+        assert_rays_alike(&mut backend, &job, 100_000);
+    }
     finish(backend);
 }
 

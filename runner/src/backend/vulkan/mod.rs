@@ -122,6 +122,18 @@ impl VulkanBackend {
         self.transfers.read(&self.commands, self.resident.buffer(binding::FILM), count)
     }
 
+    /// The first `words` words of the height maps' pyramids as the device built them: in the order of the scene's own
+    /// [`height_ranges`](SceneBuffers::height_ranges).
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where the scene has fewer.
+    pub fn height_ranges(&mut self, words: usize) -> Result<Vec<u32>, BackendError> {
+        self.transfers.read(&self.commands, self.resident.buffer(binding::HEIGHT_RANGES), words)
+    }
+
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
     fn buffer(&mut self, name: &'static str, bytes: usize, data: &[u8]) -> Result<Buffer, BackendError> {
         let label = Label { name, remedy: "use fewer at a time" };
@@ -157,6 +169,12 @@ impl Backend for VulkanBackend {
         scene.check(frame, features)?;
         self.programs.set_features(features);
         self.resident = Resident::new(&self.device, &self.commands, &mut self.transfers, scene, frame)?;
+        // What nothing traces was not checked, and is not read.
+        if frame.triangle_count > 0 {
+            let program = self.programs.get(&self.device, Kernel::HeightPyramid)?;
+            program.pipeline().bind(|at| self.resident.buffer(at));
+            program.build_pyramids(&self.commands, &scene.displacements)?;
+        }
         // Compiled here so that their time is not part of the first sample's.
         for kernel in [Kernel::Render, Kernel::Resolve] {
             let program = self.programs.get(&self.device, kernel)?;

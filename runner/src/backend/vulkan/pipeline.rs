@@ -5,7 +5,7 @@ use super::device::{Device, Owned};
 use crate::backend::BackendError;
 use ash::vk;
 use bytemuck::bytes_of;
-use emboss_kernels::interface::{Batch, Tile, binding, spec};
+use emboss_kernels::interface::{Batch, PyramidPart, Tile, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CStr;
 use std::io::Cursor;
@@ -23,15 +23,21 @@ pub(super) enum Kernel {
     Render,
     Resolve,
     TraceRays,
+    HeightPyramid,
     Probe,
 }
 
 impl Kernel {
+    #[cfg(test)]
+    const ALL: [Kernel; 5] =
+        [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::HeightPyramid, Kernel::Probe];
+
     fn entry_point(self) -> &'static CStr {
         match self {
             Kernel::Render => c"render",
             Kernel::Resolve => c"resolve",
             Kernel::TraceRays => c"trace_rays",
+            Kernel::HeightPyramid => c"height_pyramid",
             Kernel::Probe => c"probe",
         }
     }
@@ -42,6 +48,7 @@ impl Kernel {
             Kernel::Render => "rendering",
             Kernel::Resolve => "resolving the picture",
             Kernel::TraceRays => "tracing rays",
+            Kernel::HeightPyramid => "bounding the height maps",
             Kernel::Probe => "probing a kernel",
         }
     }
@@ -85,6 +92,7 @@ impl Kernel {
                 INTERSECTIONS,
                 COUNTERS,
             ],
+            Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
         }
     }
@@ -93,6 +101,7 @@ impl Kernel {
         match self {
             Kernel::Render | Kernel::Resolve => size_of::<Tile>(),
             Kernel::TraceRays | Kernel::Probe => size_of::<Batch>(),
+            Kernel::HeightPyramid => size_of::<PyramidPart>(),
         }
     }
 }
@@ -275,8 +284,7 @@ mod tests {
 
     #[test]
     fn no_kernel_binds_more_than_is_asked_of_a_device() {
-        let all = [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::Probe];
-        let most = all.iter().map(|kernel| kernel.bindings().len()).max();
+        let most = Kernel::ALL.iter().map(|kernel| kernel.bindings().len()).max();
         assert_eq!(most, Some(MOST_BINDINGS as usize));
     }
 
@@ -291,7 +299,7 @@ mod tests {
 
     #[test]
     fn every_entry_point_is_in_the_module() {
-        for kernel in [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::Probe] {
+        for kernel in Kernel::ALL {
             let name = kernel.entry_point().to_bytes_with_nul();
             assert!(MODULE.windows(name.len()).any(|part| part == name), "{kernel:?}");
         }

@@ -6,8 +6,9 @@ use super::pacer::Pacer;
 use super::pipeline::{Kernel, Pipeline};
 use super::tiles::{self, Tiles};
 use crate::backend::BackendError;
-use bytemuck::bytes_of;
-use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch};
+use bytemuck::{Pod, bytes_of};
+use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
+use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPart};
 use emboss_kernels::scene::Features;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -74,6 +75,13 @@ fn features_of(kernel: Kernel, features: Features) -> Features {
             height_format: features.height_format,
             height_wrap: features.height_wrap,
             counters: features.counters,
+            normals: features.normals,
+            seams: features.seams,
+            ..Features::default()
+        },
+        Kernel::HeightPyramid => Features {
+            height_format: features.height_format,
+            height_wrap: features.height_wrap,
             ..Features::default()
         },
         Kernel::Resolve | Kernel::Probe => Features::default(),
@@ -119,17 +127,56 @@ impl Program {
         kernel: u32,
     ) -> Result<(), BackendError> {
         self.pacer.begin_pass(count);
+        self.run_items(commands, count, |first, count| Batch { first, count, kernel })
+    }
+
+    /// Builds the pyramids of height maps. A level is made from the one below it, which the submissions before it wrote.
+    pub(super) fn build_pyramids(
+        &mut self,
+        commands: &Commands,
+        maps: &[Displacement],
+    ) -> Result<(), BackendError> {
+        let levels = levels(maps, self.features.height_format);
+        self.pacer.begin_pass(levels.iter().fold(0, |sum: u32, level| sum.saturating_add(level.count)));
+        for level in levels {
+            self.run_items(commands, level.count, |first, count| PyramidPart { first, count, ..level })?;
+        }
+        Ok(())
+    }
+
+    /// Runs over items 0 to `count`, which are part of a pass; `push_constants` makes those of a dispatch from its first
+    /// item and how many it has.
+    fn run_items<P: Pod>(
+        &mut self,
+        commands: &Commands,
+        count: u32,
+        push_constants: impl Fn(u32, u32) -> P,
+    ) -> Result<(), BackendError> {
         let mut first = 0;
         while first < count {
             let items = self.pacer.items().min(MOST_BATCH_ITEMS).min(count - first);
-            let batch = Batch { first, count: items, kernel };
+            let constants = push_constants(first, items);
             let groups = [items.div_ceil(BATCH_GROUP_SIZE), 1];
             let ms = commands.run(self.kernel.activity(), |recorder| {
-                recorder.dispatch(&self.pipeline, bytes_of(&batch), groups);
+                recorder.dispatch(&self.pipeline, bytes_of(&constants), groups);
             })?;
             self.pacer.record(items, ms);
             first += items;
         }
         Ok(())
     }
+}
+
+/// All words of each level of the pyramids of `maps`, map by map and from the lowest level up.
+fn levels(maps: &[Displacement], format: u32) -> Vec<PyramidPart> {
+    let of_map = |(displacement, map): (u32, &Displacement)| {
+        let (width, height) = (map.map_width, map.map_height);
+        (1..=top_level(width, height)).map(move |level| PyramidPart {
+            displacement,
+            level,
+            first: 0,
+            count: level_words(format, width, height, level),
+        })
+    };
+    (0..).zip(maps).flat_map(of_map).collect()
 }

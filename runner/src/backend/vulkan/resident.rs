@@ -99,7 +99,8 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         uploaded("the BVH's primitives", SMALLER_MODEL, cast_slice(&scene.primitives)),
         uploaded("the height maps' settings", SMALLER_SCENE, cast_slice(&scene.displacements)),
         uploaded("the height maps", SMALLER_MAP, cast_slice(&scene.height_texels)),
-        uploaded("the height maps' pyramids", SMALLER_MAP, cast_slice(&scene.height_ranges)),
+        // Built on the device: see `Program::build_pyramids`.
+        zeros("the height maps' pyramids", SMALLER_MAP, scene.height_ranges.len() as u64, size_of::<u32>()),
         uploaded("the seams", SMALLER_MODEL, cast_slice(&scene.seams)),
         uploaded("the seams' sides", SMALLER_MODEL, cast_slice(&scene.seam_sides)),
         uploaded("the colour map", SMALLER_MAP, cast_slice(&scene.color_texels)),
@@ -132,13 +133,18 @@ mod tests {
 
     #[test]
     fn contents_stand_at_their_bindings() {
-        let scene =
-            SceneBuffers { height_texels: vec![1; 3], color_texels: vec![2; 5], ..Default::default() };
+        let scene = SceneBuffers {
+            height_texels: vec![1; 3],
+            height_ranges: vec![3; 37],
+            color_texels: vec![2; 5],
+            ..Default::default()
+        };
         let frame = Frame { width: 7, height: 3, ..Frame::default() };
         let contents = contents(&scene, &frame);
         let bytes = |binding: u32| contents[binding as usize].bytes;
         assert_eq!(bytes(binding::FRAME), size_of::<Frame>() as u64);
         assert_eq!(bytes(binding::HEIGHT_TEXELS), 12);
+        assert_eq!(bytes(binding::HEIGHT_RANGES), 4 * 37);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
