@@ -154,11 +154,10 @@ impl<'a> LeakRays<'a> {
     /// Rays number `first` to `first + count`, made in parallel. They take edge after edge of the base mesh's triangles,
     /// so that 24 rays for each triangle (8 kinds for 3 edges) come to all.
     pub fn rays(&self, first: u64, count: usize) -> Vec<Ray> {
-        let chunks: Vec<u64> = (0..count.div_ceil(Self::CHUNK) as u64).collect();
-        chunks
+        (0..count.div_ceil(Self::CHUNK))
             .into_par_iter()
             .flat_map_iter(|chunk| {
-                let start = chunk as usize * Self::CHUNK;
+                let start = chunk * Self::CHUNK;
                 let mut numbers = Numbers::new(self.seed ^ (first + start as u64).wrapping_mul(0x9e37_79b9));
                 let items = start..(start + Self::CHUNK).min(count);
                 items.map(move |i| self.ray(first + i as u64, &mut numbers)).collect::<Vec<_>>()
@@ -168,9 +167,9 @@ impl<'a> LeakRays<'a> {
 
     /// Ray number `i`.
     fn ray(&self, i: u64, numbers: &mut Numbers) -> Ray {
-        let origin = self.inside[numbers.below(self.inside.len() as u32) as usize];
+        let origin = self.inside[numbers.below(index(self.inside.len() as u64)) as usize];
         let edges = 3 * self.view.triangles.len() as u64;
-        let edge = (i / 8 % edges) as u32;
+        let edge = index(i / 8 % edges);
         let n = self.view.frame.subdivisions;
         let m = numbers.below(n);
         let along = f64::from(numbers.unit());
@@ -360,6 +359,11 @@ impl<'a> HardRays<'a> {
     fn normal(&mut self, base: &BaseTriangle, w: Vec3) -> Vec3 {
         interpolate(w, base.n0, base.n1, base.n2).normalize_or(self.numbers.direction())
     }
+}
+
+/// A number of points or edges; scenes of tests are small.
+fn index(i: u64) -> u32 {
+    u32::try_from(i).expect("fewer than 2^32")
 }
 
 /// A direction along an axis, or across one.

@@ -179,6 +179,7 @@ impl WildMap {
 fn packed(texels: &[f32], per_word: usize, most: f32) -> Vec<u32> {
     let bits = 32 / per_word;
     let word = |word: &[f32]| {
+        #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest code")]
         let codes = word.iter().map(|t| (t * most + 0.5) as u32).enumerate();
         codes.fold(0, |packed, (lane, code)| packed | code << (lane * bits))
     };

@@ -125,28 +125,24 @@ fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, norma
 fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> Tally {
     let each = (2 * rays).div_ceil(SCALES.len() * OFFSETS.len() * SUBDIVISIONS.len());
     let mut total = Tally::default();
-    let mut seed = 0;
+    let mut turn = 0;
     for scale in SCALES {
         for offset in OFFSETS {
             for n in SUBDIVISIONS {
-                let normals = [Normals::Normalized, Normals::Linear][seed as usize % 2];
+                let normals = [Normals::Normalized, Normals::Linear][turn % 2];
                 let job = displaced(solid, scale, offset, map, n, normals);
                 let mut count = each;
                 if offset > 1e4 {
                     count = count.min(TESTS / (job.buffers.triangles.len() * (n * n) as usize));
                 }
                 let mut found = Tally::default();
-                tally(&job, leaving, seed, count, &mut found);
-                println!(
-                    "scale {scale}, offset {offset}, N = {n}: {} rays, {} hit again, {} of these having risen, {} behind",
-                    found.rays, found.seconds, found.risen, found.behind
-                );
+                tally(&job, leaving, turn as u64, count, &mut found);
                 total.rays += found.rays;
                 total.seconds += found.seconds;
                 total.risen += found.risen;
                 total.behind += found.behind;
                 total.example = total.example.or(found.example);
-                seed += 1;
+                turn += 1;
             }
         }
     }

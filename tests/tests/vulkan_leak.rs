@@ -59,6 +59,7 @@ fn scenes() -> Vec<(String, Job, Vec<Vec3>)> {
 }
 
 /// Traces `rays` rays in all, so many at a time, and asserts that none of them leaks.
+#[expect(clippy::print_stdout, reason = "the long mode takes hours and says how far it is")]
 fn assert_closed(
     backend: &mut VulkanBackend,
     scenes: &[(String, Job, Vec<Vec3>)],
@@ -83,6 +84,7 @@ fn assert_closed(
 }
 
 #[test]
+#[expect(clippy::print_stdout, reason = "the long mode says which device it runs on")]
 fn closed_meshes_are_closed_on_a_device() {
     if env::var_os("EMBOSS_LONG").is_none() {
         let mut backend = lavapipe();
