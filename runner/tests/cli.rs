@@ -423,6 +423,31 @@ fn maps_of_one_texel_and_of_16k_are_rendered() {
     }
 }
 
+/// What is NaN or infinite in a height map counts as `zero`, from the file to the picture, and is counted for the user.
+#[test]
+fn heights_that_are_no_numbers_do_not_displace_and_are_counted() {
+    const ZERO: f32 = 0.25;
+    for name in ["map.exr", "map.tiff"] {
+        let rendered = |bad: [f32; 3]| {
+            let place = Place::new();
+            let map = image::Rgb32FImage::from_fn(4, 4, |x, y| {
+                let texel = if x == y && x > 0 { bad[x as usize - 1] } else { (x + 4 * y) as f32 / 16.0 };
+                image::Rgb([texel; 3])
+            });
+            image::DynamicImage::from(map).save(place.path(name)).expect("written");
+            let run = place.render(&["builtin:cube", "none", name, "0.25", "0.3", "4"]).succeeded();
+            (place.read("out.png"), run.stderr)
+        };
+        let (picture, stderr) = rendered([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+        assert!(stderr.contains(&format!("{name}: 3 texels are NaN or infinite")), "{stderr}");
+        let (expected, stderr) = rendered([ZERO; 3]);
+        assert!(!stderr.contains("NaN"), "{stderr}");
+        assert!(picture == expected, "{name}: they displace");
+        let (other, _) = rendered([0.9; 3]);
+        assert!(picture != other, "{name}: these texels are not seen");
+    }
+}
+
 // What is refused: machines.
 
 #[test]

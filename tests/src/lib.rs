@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod exact;
 mod lavapipe;
+pub mod meshes;
 mod numbers;
 pub mod oracle;
 mod rays;
@@ -10,4 +11,4 @@ pub mod scenes;
 
 pub use lavapipe::{finish, lavapipe};
 pub use numbers::Numbers;
-pub use rays::RaySource;
+pub use rays::{HardRays, Hardship, LeakRays, RaySource};

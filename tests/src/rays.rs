@@ -2,9 +2,14 @@
 
 use crate::Numbers;
 use emboss::render::Job;
-use emboss_kernels::interface::{Intersection, Ray, Vertex};
+use emboss_kernels::barycentric::interpolate;
+use emboss_kernels::displacement::cell::Cell;
+use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
+use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex};
+use emboss_kernels::scene::SceneView;
 use emboss_kernels::shading::SurfaceInteraction;
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Makes rays at random for a scene.
 pub struct RaySource<'a> {
@@ -117,6 +122,259 @@ impl<'a> RaySource<'a> {
         let buffers = &self.job.buffers;
         buffers.triangles[primitive as usize].vertices.map(|v| buffers.vertices[v as usize])
     }
+}
+
+/// Rays from within a closed surface, towards where it could leak.
+pub struct LeakRays<'a> {
+    view: SceneView<'a>,
+    field: HeightField<'a>,
+    inside: &'a [Vec3],
+    seed: u64,
+}
+
+/// A micro-vertex on an edge of the base mesh.
+#[derive(Clone, Copy)]
+struct BorderVertex {
+    /// As the kernels compute it.
+    position: Vec3,
+    /// The same height along the same direction in f64.
+    exact: DVec3,
+}
+
+impl<'a> LeakRays<'a> {
+    /// Rays of those made as `seed` decides that are generated at a time.
+    const CHUNK: usize = 1 << 12;
+
+    /// Rays for the scene of `job` from some points, at least one.
+    pub fn new(job: &'a Job, inside: &'a [Vec3], seed: u64) -> Self {
+        let view = job.buffers.view(&job.frame);
+        LeakRays { view, field: HeightField::new(&view, job.features), inside, seed }
+    }
+
+    /// Rays number `first` to `first + count`, made in parallel. They take edge after edge of the base mesh's triangles,
+    /// so that 24 rays for each triangle (8 kinds for 3 edges) come to all.
+    pub fn rays(&self, first: u64, count: usize) -> Vec<Ray> {
+        (0..count.div_ceil(Self::CHUNK))
+            .into_par_iter()
+            .flat_map_iter(|chunk| {
+                let start = chunk * Self::CHUNK;
+                let mut numbers = Numbers::new(self.seed ^ (first + start as u64).wrapping_mul(0x9e37_79b9));
+                let items = start..(start + Self::CHUNK).min(count);
+                items.map(move |i| self.ray(first + i as u64, &mut numbers)).collect::<Vec<_>>()
+            })
+            .collect()
+    }
+
+    /// Ray number `i`.
+    fn ray(&self, i: u64, numbers: &mut Numbers) -> Ray {
+        let origin = self.inside[numbers.below(index(self.inside.len() as u64)) as usize];
+        let edges = 3 * self.view.triangles.len() as u64;
+        let edge = index(i / 8 % edges);
+        let n = self.view.frame.subdivisions;
+        let m = numbers.below(n);
+        let along = f64::from(numbers.unit());
+        let direction = match i % 8 {
+            0 => numbers.direction().as_dvec3(),
+            1 => axis_or_plane(numbers).as_dvec3(),
+            // The base mesh: a vertex, and any point of an edge.
+            2 => self.base_point(edge, 0.0) - origin.as_dvec3(),
+            3 => self.base_point(edge, along) - origin.as_dvec3(),
+            // The surface over an edge: micro-vertices by the kernels and in f64, points between two of them.
+            4 => (self.border_vertex(edge, 0).position - origin).as_dvec3(),
+            5 => (self.border_vertex(edge, m).position - origin).as_dvec3(),
+            6 => self.border_vertex(edge, m).exact - origin.as_dvec3(),
+            _ => {
+                let [a, b] = [m, m + 1].map(|m| self.border_vertex(edge, m).position.as_dvec3());
+                a + (b - a) * along - origin.as_dvec3()
+            }
+        };
+        ray(origin, direction.as_vec3())
+    }
+
+    /// The point of an edge of the base mesh that is a share `s` away from its start.
+    fn base_point(&self, edge: u32, s: f64) -> DVec3 {
+        let base = BaseTriangle::load(&self.view, edge / 3);
+        let [a, b] = [1, 2].map(|e| base.position((edge + e) % 3).as_dvec3());
+        a + (b - a) * s
+    }
+
+    /// Micro-vertex number `m`, 0 to N, on an edge.
+    fn border_vertex(&self, edge: u32, m: u32) -> BorderVertex {
+        let n = self.view.frame.subdivisions;
+        let base = BaseTriangle::load(&self.view, edge / 3);
+        let (j, k) = [(n - m, m), (0, n - m), (m, 0)][edge as usize % 3];
+        let vertex = base.micro_vertex(&self.field, j, k);
+        let w = [n - j - k, j, k].map(|part| f64::from(part) / f64::from(n));
+        let mixed = |v: [Vec3; 3]| (0..3).map(|e| v[e].as_dvec3() * w[e]).sum::<DVec3>();
+        let mut directions = [base.n0, base.n1, base.n2];
+        if base.seams != NO_SEAMS {
+            directions = base.seams(&self.field).directions.map(Vec3::from_array);
+        }
+        let position = mixed([base.p0, base.p1, base.p2]);
+        BorderVertex {
+            position: vertex.position,
+            exact: position + mixed(directions) * f64::from(vertex.lift),
+        }
+    }
+}
+
+/// Rays that have every reason to go wrong.
+pub struct HardRays<'a> {
+    view: SceneView<'a>,
+    field: HeightField<'a>,
+    numbers: Numbers,
+    /// Half the diagonal of the box around the displaced model.
+    radius: f32,
+}
+
+/// What makes a ray hard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hardship {
+    /// It runs along the interpolated normal.
+    AlongNormal,
+    /// It runs through two micro-vertices of a grid line.
+    AlongGridLine,
+    /// It is aimed at a micro-vertex or the middle of a micro-edge.
+    ThroughMicroVertex,
+    /// It lies in the plane of a micro-triangle.
+    InPlane,
+    /// It starts on the base triangle.
+    FromBase,
+    /// It starts between base and greatest height.
+    FromPrism,
+    /// It starts at the least or the greatest height, and runs along it or anywhere.
+    FromCap,
+    /// It starts on a micro-triangle, on its border or at its corner.
+    FromSurface,
+    /// It comes to a micro-triangle at 0.01 degree.
+    Grazing,
+    /// Components of its direction are 0, or so small that floats have fewer digits for them.
+    Axis,
+}
+
+impl Hardship {
+    /// All of them.
+    pub const ALL: [Hardship; 10] = [
+        Hardship::AlongNormal,
+        Hardship::AlongGridLine,
+        Hardship::ThroughMicroVertex,
+        Hardship::InPlane,
+        Hardship::FromBase,
+        Hardship::FromPrism,
+        Hardship::FromCap,
+        Hardship::FromSurface,
+        Hardship::Grazing,
+        Hardship::Axis,
+    ];
+}
+
+impl<'a> HardRays<'a> {
+    /// Rays for the scene of `job`, which is not empty, as `seed` decides.
+    pub fn new(job: &'a Job, seed: u64) -> Self {
+        let root = job.buffers.nodes[0];
+        let view = job.buffers.view(&job.frame);
+        let field = HeightField::new(&view, job.features);
+        HardRays { view, field, numbers: Numbers::new(seed), radius: 0.5 * (root.max - root.min).length() }
+    }
+
+    /// A ray.
+    pub fn ray(&mut self, hardship: Hardship) -> Ray {
+        let base = BaseTriangle::load(&self.view, self.numbers.below(self.view.frame.triangle_count));
+        let corners = self.micro_triangle(&base);
+        let [a, b, c] = corners;
+        let anywhere = self.numbers.direction();
+        let distance = self.radius * self.numbers.between(0.0, 3.0);
+        let w = self.numbers.barycentric();
+        let point = interpolate(w, a, b, c);
+        let (origin, direction) = match hardship {
+            Hardship::AlongNormal => {
+                let (p, n) = (interpolate(w, base.p0, base.p1, base.p2), self.normal(&base, w));
+                let side = [0.0, 1.0, -1.0][self.numbers.below(3) as usize];
+                (p + n * (side * distance), if self.numbers.unit() < 0.5 { n } else { -n })
+            }
+            Hardship::AlongGridLine => {
+                let along = b - a;
+                (a - along * self.numbers.between(0.0, 3.0), along)
+            }
+            Hardship::ThroughMicroVertex => {
+                let target = [a, (a + b) * 0.5][self.numbers.below(2) as usize];
+                let origin = target + anywhere * distance;
+                (origin, target - origin)
+            }
+            Hardship::InPlane => {
+                let along =
+                    (b - a) * self.numbers.between(-1.0, 1.0) + (c - a) * self.numbers.between(-1.0, 1.0);
+                (point - along * self.numbers.between(0.0, 5.0), along)
+            }
+            Hardship::FromBase => (interpolate(w, base.p0, base.p1, base.p2), anywhere),
+            Hardship::FromPrism | Hardship::FromCap => {
+                let s = self.numbers.unit();
+                let on_cap = hardship == Hardship::FromCap;
+                let s = if on_cap { s.round() } else { s };
+                let height = base.height_min + (base.height_max - base.height_min) * s;
+                let n = self.normal(&base, w);
+                let level = on_cap && self.numbers.unit() < 0.5;
+                let direction = if level { base.p1 - base.p0 } else { anywhere };
+                (interpolate(w, base.p0, base.p1, base.p2) + n * height, direction)
+            }
+            Hardship::FromSurface => {
+                let origin = [point, a, (a + b) * 0.5, a + (b - a) * w.x][self.numbers.below(4) as usize];
+                let inside = (b - a) * w.y + (c - a) * w.z;
+                (origin, if self.numbers.unit() < 0.7 { anywhere } else { inside })
+            }
+            Hardship::Grazing => {
+                let normal = (b - a).cross(c - a).normalize_or(anywhere);
+                let along = normal.cross(anywhere).normalize_or(anywhere);
+                let direction = along - normal * 0.01_f32.to_radians();
+                (point - direction * distance, direction)
+            }
+            Hardship::Axis => {
+                // One component is left as it is: in lengths of a direction that is all but zero, distances overflow.
+                let mut direction = anywhere;
+                let kept = self.numbers.below(3) as usize;
+                for axis in [kept + 1, kept + 2] {
+                    direction[axis % 3] *= [1.0, 0.0, -0.0, 1e-40, 1e-30][self.numbers.below(5) as usize];
+                }
+                let target = [point, a][self.numbers.below(2) as usize];
+                (target - direction.normalize_or(anywhere) * distance, direction)
+            }
+        };
+        // Where a triangle has no extent there is no line to run along.
+        let usable = direction.is_finite() && direction != Vec3::ZERO;
+        ray(origin, if usable { direction } else { anywhere })
+    }
+
+    /// The corners of a micro-triangle, in any order.
+    fn micro_triangle(&mut self, base: &BaseTriangle) -> [Vec3; 3] {
+        let n = self.field.subdivisions;
+        let j = self.numbers.below(n);
+        let k = self.numbers.below(n - j);
+        let upper = j + k + 2 <= n && self.numbers.unit() < 0.5;
+        let corners = base.micro_triangle(&self.field, Cell { j, k, upper }).map(|vertex| vertex.position);
+        let first = self.numbers.below(3) as usize;
+        [0, 1, 2].map(|e| corners[(first + e) % 3])
+    }
+
+    /// The unit normal at barycentric coordinates; any where there is none.
+    fn normal(&mut self, base: &BaseTriangle, w: Vec3) -> Vec3 {
+        interpolate(w, base.n0, base.n1, base.n2).normalize_or(self.numbers.direction())
+    }
+}
+
+/// A number of points or edges; scenes of tests are small.
+fn index(i: u64) -> u32 {
+    u32::try_from(i).expect("fewer than 2^32")
+}
+
+/// A direction along an axis, or across one.
+fn axis_or_plane(numbers: &mut Numbers) -> Vec3 {
+    let mut direction = numbers.direction();
+    let axis = numbers.below(3) as usize;
+    if numbers.unit() < 0.5 {
+        direction[axis] = 0.0;
+        return direction;
+    }
+    Vec3::AXES[axis] * direction[axis].signum()
 }
 
 /// Where the program lets a ray start that leaves a hit.

@@ -130,6 +130,62 @@ pub fn random_solid(numbers: &mut Numbers, format: u32, spread: f32) -> Scene {
     }
 }
 
+/// A map that is not smooth anywhere, or too small to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WildMap {
+    /// 64 x 32 texels of 8 bits, each at random.
+    Noise,
+    /// 31 x 17 floats, 0 and 1 in turns.
+    Checkerboard,
+    /// 128 x 128 texels of 16 bits, 0 but for one in a hundred, which is 1.
+    Spikes,
+    /// A single texel.
+    Single,
+    /// 3 x 5 floats at random.
+    Odd,
+}
+
+impl WildMap {
+    /// All of them.
+    pub const ALL: [WildMap; 5] =
+        [WildMap::Noise, WildMap::Checkerboard, WildMap::Spikes, WildMap::Single, WildMap::Odd];
+
+    /// The map, of texels in [0, 1].
+    pub fn map(self, numbers: &mut Numbers) -> HeightMap {
+        let (width, height, format) = match self {
+            WildMap::Noise => (64, 32, height_format::UNORM8),
+            WildMap::Checkerboard => (31, 17, height_format::FLOAT32),
+            WildMap::Spikes => (128, 128, height_format::UNORM16),
+            WildMap::Single => (1, 1, height_format::FLOAT32),
+            WildMap::Odd => (3, 5, height_format::FLOAT32),
+        };
+        let mut texel = |i: u32| match self {
+            WildMap::Noise | WildMap::Odd => numbers.unit(),
+            WildMap::Checkerboard => ((i % width + i / width) % 2) as f32,
+            WildMap::Spikes => f32::from(numbers.below(100) == 0),
+            WildMap::Single => 0.75,
+        };
+        let texels: Vec<f32> = (0..width * height).map(&mut texel).collect();
+        let texels = match format {
+            height_format::UNORM8 => packed(&texels, 4, 255.0),
+            height_format::UNORM16 => packed(&texels, 2, 65535.0),
+            _ => texels.into_iter().map(f32::to_bits).collect(),
+        };
+        HeightMap { width, height, format, texels, range: (0.0, 1.0), replaced: 0 }
+    }
+}
+
+/// Texels in [0, 1] as codes up to `most`, so many a word.
+fn packed(texels: &[f32], per_word: usize, most: f32) -> Vec<u32> {
+    let bits = 32 / per_word;
+    let word = |word: &[f32]| {
+        #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest code")]
+        let codes = word.iter().map(|t| (t * most + 0.5) as u32).enumerate();
+        codes.fold(0, |packed, (lane, code)| packed | code << (lane * bits))
+    };
+    texels.chunks(per_word).map(word).collect()
+}
+
 /// A map of 1 x 1 to 8 x 8 random texels.
 fn random_map(numbers: &mut Numbers, format: u32) -> HeightMap {
     let (width, height) = (1 + numbers.below(8), 1 + numbers.below(8));
