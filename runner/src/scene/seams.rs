@@ -268,7 +268,7 @@ mod tests {
     /// A number in [-1, 1) that looks random.
     fn noise(seed: u32) -> f32 {
         let bits = emboss_kernels::sampler::pcg4d(glam::UVec4::new(seed, 1, 2, 3)).x;
-        (f64::from(bits) / 2_147_483_648.0 - 1.0) as f32
+        2.0 * emboss_kernels::sampler::unit_float(bits) - 1.0
     }
 
     /// An octahedron whose eight faces share positions, and by `split` neither normals nor texture coordinates, or only
@@ -315,8 +315,11 @@ mod tests {
         prepare(Scene { subdivisions, ..scene.clone() }, &settings).expect("framed")
     }
 
-    /// All micro-vertices on borders, by where they stand on the base mesh: the ends' positions and how far along.
-    fn border(job: &Job) -> HashMap<([u32; 3], [u32; 3], u32), Vec<[u32; 3]>> {
+    /// Where a micro-vertex stands on the base mesh: the positions of an edge's ends, and how far along it.
+    type Place = ([u32; 3], [u32; 3], u32);
+
+    /// The positions that triangles give the micro-vertices on their borders.
+    fn border(job: &Job) -> HashMap<Place, Vec<[u32; 3]>> {
         let view = job.buffers.view(&job.frame);
         let field = HeightField::new(&view, job.features);
         let n = job.frame.subdivisions;
