@@ -119,7 +119,6 @@ fn grid_walk_misses_what_is_said_of_it() {
         }
         table += "\n";
     }
-    println!("{table}");
 }
 
 /// Normals that lean from not at all to wildly, every format and wrap.
