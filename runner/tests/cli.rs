@@ -191,15 +191,15 @@ fn statistics_have_every_number() {
     assert_eq!(number("/pixels_hit"), number("/work/hits") / 2.0);
     assert!(number("/pixels_hit") > 16.0 && number("/pixels_hit") < 16.0 * 12.0);
     assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
-    assert_eq!(number("/bytes/triangles"), 12.0 * 24.0);
+    assert_eq!(number("/bytes/triangles"), 12.0 * 32.0);
     assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
-    for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/steps", "/work/triangles"] {
+    for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/sub_triangles", "/work/triangles"] {
         assert!(number(positive) > 0.0, "{positive}");
     }
-    for present in ["vertices", "primitives", "height_texels", "color_texels", "lights"] {
+    for present in ["vertices", "primitives", "height_texels", "height_ranges", "seams", "color_texels", "lights"] {
         number(&format!("/bytes/{present}"));
     }
-    for present in ["cap_hits", "lost_walks", "boxes", "prisms"] {
+    for present in ["steps", "cap_hits", "lost_walks", "boxes", "prisms"] {
         number(&format!("/work/{present}"));
     }
     assert_eq!(stats["backend"], "cpu");
@@ -207,7 +207,8 @@ fn statistics_have_every_number() {
     assert!(stats["device"].is_string());
     let settings = &stats["settings"];
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
-    assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"grid-walk".into()));
+    assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"quadtree".into()));
+    assert_eq!((&settings["normals"], &settings["weld"]), (&"normalized".into(), &"on".into()));
 }
 
 // What is said.
