@@ -444,7 +444,7 @@ fn warn_of_caps(rendering: &Rendering) {
     let hits = rendering.totals[counter::CAP_HITS as usize];
     if hits > 0 {
         tracing::warn!(
-            "{hits} walks met their cap on steps and may have missed the surface; compare with --method brute-force"
+            "{hits} walks met their cap on steps and may have missed the surface; compare with --method quadtree"
         );
     }
 }

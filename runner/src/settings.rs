@@ -29,11 +29,11 @@ impl Method {
         }
     }
 
-    /// The number of steps of a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
-    /// (6N) or scans, or 64 base triangles.
+    /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
+    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
-            Method::Quadtree => 64,
+            Method::Quadtree => 128,
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
             Method::None => 64,

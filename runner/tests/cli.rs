@@ -193,10 +193,14 @@ fn statistics_have_every_number() {
     assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
     assert_eq!(number("/bytes/triangles"), 12.0 * 32.0);
     assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
-    for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/sub_triangles", "/work/triangles"] {
+    for positive in
+        ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/sub_triangles", "/work/triangles"]
+    {
         assert!(number(positive) > 0.0, "{positive}");
     }
-    for present in ["vertices", "primitives", "height_texels", "height_ranges", "seams", "color_texels", "lights"] {
+    for present in
+        ["vertices", "primitives", "height_texels", "height_ranges", "seams", "color_texels", "lights"]
+    {
         number(&format!("/bytes/{present}"));
     }
     for present in ["steps", "cap_hits", "lost_walks", "boxes", "prisms"] {

@@ -1,4 +1,4 @@
-//! `cargo xtask pictures`: renders the pictures that the README shows.
+//! `cargo xtask pictures`: renders the pictures that the documents show.
 
 use crate::process::{cargo, run, say};
 use anyhow::Result;
@@ -7,6 +7,8 @@ use anyhow::Result;
 const PICTURES: &[(&str, &[&str])] = &[
     ("assets/knot.png", &["builtin:knot", "--size", "960x720"]),
     ("assets/knot-undisplaced.png", &["builtin:knot", "--size", "960x720", "--method", "none"]),
+    ("assets/weld-on.png", &["builtin:cube", "--size", "480x360"]),
+    ("assets/weld-off.png", &["builtin:cube", "--size", "480x360", "--weld", "off"]),
 ];
 
 /// What they have in common. The CPU gives the same picture on every machine.
