@@ -88,8 +88,11 @@ fn assert_closed(
 fn closed_meshes_are_closed_on_a_device() {
     if env::var_os("EMBOSS_LONG").is_none() {
         let mut backend = lavapipe();
-        // Some of each; a device takes seconds to make its pipelines for a scene.
-        let some: Vec<_> = scenes().into_iter().step_by(11).collect();
+        // Some of each, since a device takes seconds to make its pipelines for a scene. Not those that take most work:
+        // lavapipe leaves all loops of eight rays after 65535 iterations together (LP_MAX_TGSI_LOOP_ITERATIONS), and what
+        // they would have found then is missed.
+        let is_light = |job: &Job| job.frame.subdivisions < 64;
+        let some: Vec<_> = scenes().into_iter().filter(|(_, job, _)| is_light(job)).step_by(7).collect();
         assert_closed(&mut backend, &some, 100_000, 1 << 16);
         finish(backend);
         return;
