@@ -297,11 +297,10 @@ fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
     Stretch { first: from as u32, more: (to - from) as u32 }
 }
 
-/// i modulo n, not negative.
+/// i modulo n, not negative. Vulkan leaves the remainder of negative numbers undefined, so none is taken.
 #[inline]
 fn remainder(i: i32, n: i32) -> i32 {
-    let r = i % n;
-    if r < 0 { r + n } else { r }
+    if i < 0 { n - 1 - ((-1 - i) as u32 % n as u32) as i32 } else { (i as u32 % n as u32) as i32 }
 }
 
 /// The range of the texels that a filter reads between texel coordinates `low` and `high`, which rounding is already
