@@ -11,7 +11,7 @@
 
 use crate::displacement::surface::HeightField;
 use crate::interface::{Displacement, Triangle, Vertex, height_format, wrap};
-use crate::math::{UNIT_ROUNDOFF, at, floor, put};
+use crate::math::{UNIT_ROUNDOFF, at, floor, fma, put};
 use crate::texture::{height_texel, unorm8, unorm16};
 use glam::Vec2;
 
@@ -237,6 +237,10 @@ fn next_texel(x: u32, size: u32, mode: u32) -> u32 {
 struct Stretch {
     first: u32,
     more: u32,
+    /// Whether it is of two neighbours in the endless map, so that a filter is linear along it.
+    is_pair: bool,
+    /// Whether it runs backwards in the map: in a mirrored copy.
+    reversed: bool,
 }
 
 /// Texel coordinates of texture coordinates, texel centres at integers, rows downwards, in the endless map.
@@ -264,22 +268,25 @@ const FARTHEST: f32 = 4_194_304.0;
 #[inline]
 fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
     let (first, last) = (floor(low), floor(high) + 1.0);
-    let whole = Stretch { first: 0, more: size - 1 };
+    let whole = Stretch { first: 0, more: size - 1, is_pair: false, reversed: false };
     // Negated so that NaN takes it too.
     if !(first >= -FARTHEST && last <= FARTHEST) {
         return whole;
     }
     let n = size as i32;
     let (first, last) = (first as i32, last as i32);
+    let is_pair = last - first == 1;
     if mode == wrap::CLAMP {
         let first = first.clamp(0, n - 1);
-        return Stretch { first: first as u32, more: (last.clamp(0, n - 1) - first) as u32 };
+        let more = (last.clamp(0, n - 1) - first) as u32;
+        return Stretch { first: first as u32, more, is_pair, reversed: false };
     }
     if last - first >= n {
         return whole;
     }
     if mode == wrap::REPEAT {
-        return Stretch { first: remainder(first, n) as u32, more: (last - first) as u32 };
+        let more = (last - first) as u32;
+        return Stretch { first: remainder(first, n) as u32, more, is_pair, reversed: false };
     }
     // Two copies make a period, the second one mirrored. A stretch shorter than a copy crosses one fold at the most:
     // what is beyond it lies on what is before.
@@ -294,7 +301,8 @@ fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
     } else {
         (0, (2 * n - 1 - start).max(end - 2 * n))
     };
-    Stretch { first: from as u32, more: (to - from) as u32 }
+    let reversed = start >= n && end < 2 * n;
+    Stretch { first: from as u32, more: (to - from) as u32, is_pair, reversed }
 }
 
 /// i modulo n, not negative. Vulkan leaves the remainder of negative numbers undefined, so none is taken.
@@ -303,10 +311,10 @@ fn remainder(i: i32, n: i32) -> i32 {
     if i < 0 { n - 1 - ((-1 - i) as u32 % n as u32) as i32 } else { (i as u32 % n as u32) as i32 }
 }
 
-/// The range of the texels that a filter reads between texel coordinates `low` and `high`, which rounding is already
-/// added to ([`texel_error`]): at most nine texels, or one to four entries of the lowest level at which two an axis hold
-/// them all.
-/// That range is of a box less than twice as long as the one asked for. A single entry of the next level would do too;
+/// A range that holds what a filter gives between texel coordinates `low` and `high`, to within the rounding that
+/// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read are
+/// four texels where they are all, else at most nine, or one to four entries of the lowest level at which two an axis hold
+/// them all. That range is of a box less than twice as long as the one asked for. A single entry of the next level would do too;
 /// a descent that reads one visits a third more micro-triangles and takes longer.
 #[inline]
 pub fn range_between(field: &HeightField<'_>, map: &Displacement, low: Vec2, high: Vec2) -> TexelRange {
@@ -317,6 +325,9 @@ pub fn range_between(field: &HeightField<'_>, map: &Displacement, low: Vec2, hig
     let longest = x.more.max(y.more);
     let level = if longest > 2 { ceil_log2(longest) - 1 } else { 0 };
     let mut range = TexelRange::EMPTY;
+    if x.is_pair && y.is_pair {
+        return bilinear_range(field, map, low, high, x, y);
+    }
     if level == 0 {
         // At most 3 x 3 texels: fewer reads than four entries of level 0 would take.
         let mut j = 0;
@@ -347,6 +358,40 @@ pub fn range_between(field: &HeightField<'_>, map: &Displacement, low: Vec2, hig
         if across > 0 {
             range = range.including(entry_at(field.ranges, field.format, first, bottom * columns + right));
         }
+    }
+    range
+}
+
+/// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there, so
+/// that its extremes are at the corners of the box. However small the box, the range is as small; that of the texels
+/// would not be.
+#[inline]
+fn bilinear_range(
+    field: &HeightField<'_>,
+    map: &Displacement,
+    low: Vec2,
+    high: Vec2,
+    x: Stretch,
+    y: Stretch,
+) -> TexelRange {
+    let (nearer_x, farther_x) = (x.first, wrapped(x.first + x.more, map.map_width));
+    let (nearer_y, farther_y) = (y.first, wrapped(y.first + y.more, map.map_height));
+    let (left, right) = if x.reversed { (farther_x, nearer_x) } else { (nearer_x, farther_x) };
+    let (top, bottom) = if y.reversed { (farther_y, nearer_y) } else { (nearer_y, farther_y) };
+    let (top, bottom) = (top * map.map_width, bottom * map.map_width);
+    let (a, b) = (field.texel(map, top + left), field.texel(map, top + right));
+    let (c, d) = (field.texel(map, bottom + left), field.texel(map, bottom + right));
+    let origin = Vec2::new(floor(low.x), floor(low.y));
+    let (from, to) = (low - origin, high - origin);
+    let mut range = TexelRange::EMPTY;
+    let mut i = 0;
+    while i < 4 {
+        let s = if i & 1 == 0 { from.x } else { to.x };
+        let t = if i & 2 == 0 { from.y } else { to.y };
+        let (upper, lower) = (fma(s, b - a, a), fma(s, d - c, c));
+        let value = fma(t, lower - upper, upper);
+        range = range.including(TexelRange { min: value, max: value });
+        i += 1;
     }
     range
 }
@@ -543,7 +588,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_hold_every_texel_that_a_filter_reads_and_few_more() {
+    fn ranges_hold_what_filters_give_and_little_more() {
         let mut numbers = Numbers::new(33);
         let (mut asked, mut whole) = (0, 0);
         for (format, mode, (width, height)) in cases() {
@@ -558,6 +603,22 @@ mod tests {
                 let (low, high) = (centre - size * 0.5, centre + size * 0.5);
                 let range = range_between(&field, map, low, high);
                 let (from, to) = (low.floor().as_ivec2(), high.floor().as_ivec2() + glam::IVec2::ONE);
+                // What a filter gives in the box, from the definition of the endless map.
+                for _ in 0..8 {
+                    let p = low + (high - low) * Vec2::new(numbers.unit(), numbers.unit());
+                    let (i, f) = (p.floor(), (p - p.floor()).as_dvec2());
+                    let at = |dx, dy| f64::from(endless(&field, map, i.x as i32 + dx, i.y as i32 + dy));
+                    let upper = at(0, 0) + f.x * (at(1, 0) - at(0, 0));
+                    let lower = at(0, 1) + f.x * (at(1, 1) - at(0, 1));
+                    let value = upper + f.y * (lower - upper);
+                    // The range is rounded six times; `height_range` adds that.
+                    let error = 12.0 * f64::from(UNIT_ROUNDOFF * range.min.abs().max(range.max.abs()));
+                    assert!(
+                        value >= f64::from(range.min) - error && value <= f64::from(range.max) + error,
+                        "{value} {range:?} at {p} in [{low}, {high}] of {width}x{height}, wrap {mode}"
+                    );
+                }
+                let between_neighbours = to - from == glam::IVec2::ONE;
                 // Twice as long a box and a texel more on either side bounds what else may be in it.
                 let more = (to - from) + glam::IVec2::ONE;
                 let mut wide = TexelRange::EMPTY;
@@ -567,7 +628,7 @@ mod tests {
                         wide = wide.including(TexelRange { min: texel, max: texel });
                         let inside = x >= from.x && x <= to.x && y >= from.y && y <= to.y;
                         assert!(
-                            !inside || range.min <= texel && texel <= range.max,
+                            !inside || between_neighbours || range.min <= texel && texel <= range.max,
                             "{texel} {range:?} [{low}, {high}] of {width}x{height}, wrap {mode}"
                         );
                     }

@@ -30,7 +30,7 @@ use crate::displacement::height_pyramid::{range_between, texel_coordinates, texe
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
 use crate::interface::{Displacement, normals};
-use crate::math::{UNIT_ROUNDOFF, dot, max_abs, sqrt};
+use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::SceneView;
 use core::ops::{Add, Mul, Sub};
@@ -375,7 +375,8 @@ impl Prism {
         let n = field.subdivisions as f32;
         let z = ray.direction;
         let mean = base.n0 + base.n1 + base.n2;
-        let across = mean.cross(z);
+        // Without cancellation, so that y is at right angles to a ray along the mean normal too.
+        let across = cross(mean, z);
         let squared = across.dot(across);
         // A ray along the mean normal has no plane with it: any frame does.
         let y = if squared > 1e-12 { across / sqrt(squared) } else { z.any_orthonormal_vector() };

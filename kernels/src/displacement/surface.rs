@@ -73,8 +73,9 @@ impl<'a> HeightField<'a> {
 }
 
 impl Displacement {
-    /// Bounds on every height that texels in [`lowest`, `highest`] can give: rounded outward by the errors of the
-    /// bilinear filter (3 ulp, see [`sample_height`]) and of the two operations after it.
+    /// Bounds on every height that filtered texels in [`lowest`, `highest`] can give: rounded outward by the errors of the
+    /// bilinear filter (3 ulp, see [`sample_height`]), of the two operations after it, and of a filter that the range
+    /// may come from.
     #[inline]
     pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
         let (a, b) = (scale * (lowest - zero), scale * (highest - zero));
