@@ -417,7 +417,7 @@ impl RenderArgs {
         let mesh = &inputs.scene.mesh;
         let dropped = match mesh.dropped {
             0 => String::new(),
-            dropped => format!(", left out {dropped} of zero area"),
+            dropped => format!(", left out {dropped} without three different corners"),
         };
         say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
     }

@@ -344,11 +344,28 @@ fn inverted_maps_are_the_complement() {
     assert_ne!(cube(&["--shade=height"]), cube(&["--shade=height", "--invert"]));
 }
 
+#[test]
+fn welding_and_linear_normals_change_the_picture() {
+    let place = Place::new();
+    let picture = |scene: &str, options: &[&str]| {
+        place.render(&[&[scene, "-", "-", "-", "-", "4"], options].concat()).succeeded();
+        place.read("out.png")
+    };
+    for (scene, default, other) in [
+        ("builtin:cube", "--weld=on", "--weld=off"),
+        ("builtin:knot", "--normals=normalized", "--normals=linear"),
+    ] {
+        let picture = |options: &[&str]| picture(scene, options);
+        assert_eq!(picture(&[]), picture(&[default]));
+        assert_ne!(picture(&[]), picture(&[other]), "{other}");
+    }
+}
+
 // What is refused: usage.
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 16] = [
+    let cases: [(&[&str], &str); 18] = [
         (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -363,6 +380,8 @@ fn impossible_options_are_usage_errors() {
         (&["--eye=1,1,1", "--target=1,1,1"], "--eye and --target are the same point"),
         (&["--fov=180"], "from 0.01 to 179"),
         (&["--method=magic"], "grid-walk"),
+        (&["--weld=maybe"], "[possible values: on, off]"),
+        (&["--normals=bent"], "[possible values: normalized, linear]"),
         (&["--depth=16", "--output=a.exr"], "leave --depth out"),
         (&["--output=a.jpg"], ".png or .exr"),
     ];
@@ -396,15 +415,16 @@ fn broken_models_name_file_and_line() {
     render(&TRIANGLE.replace("3/3", "9/3")).failed(1, &["model.obj:7", "vertex 9", "3 vertices"]);
     let bare = "o Bare\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     render(bare).failed(1, &["model.obj:5", "Bare", "texture coordinates", "UVs"]);
-    render(&TRIANGLE.replace("2/2 3/3", "1/1 1/1")).failed(1, &["model.obj", "zero area"]);
+    render(&TRIANGLE.replace("2/2 3/3", "1/1 1/1")).failed(1, &["model.obj", "three different corners"]);
     Place::new().with("model.obj", [0xff; 40]).render(&["model.obj"]).failed(1, &["model.obj:1", "UTF-8"]);
 }
 
 #[test]
-fn triangles_without_area_are_left_out_and_counted() {
-    let place = Place::new().with("model.obj", format!("{TRIANGLE}f 1/1 1/1 2/2\n"));
+fn triangles_without_three_corners_are_left_out_and_counted() {
+    let place =
+        Place::new().with("model.obj", format!("{TRIANGLE}v 0.5 0 0\nf 1/1 1/1 2/2\nf 1/1 4/1 2/2\n"));
     let stdout = place.render(&["model.obj"]).succeeded().stdout;
-    assert!(stdout.contains("Imported 1 triangles, left out 1 of zero area"), "{stdout}");
+    assert!(stdout.contains("Imported 2 triangles, left out 1 without three different corners"), "{stdout}");
     assert!(alphas(&place.path("out.png")).contains(&255));
 }
 

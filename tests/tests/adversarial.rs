@@ -16,8 +16,8 @@ use emboss_tests::scenes::{job, random_solid};
 use emboss_tests::{HardRays, Hardship, Numbers};
 use glam::Vec3;
 
-/// What is wrong with a mesh. All of it is fed to the kernels as it is: a mesh out of a file has no zero normals, and no
-/// triangles without area.
+/// What is wrong with a mesh. All of it is fed to the kernels as it is: a mesh out of a file has no
+/// coincident corners, and zero normals only at slivers that touch no triangle with an area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     None,

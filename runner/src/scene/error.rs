@@ -40,9 +40,9 @@ pub enum SceneError {
         /// The model.
         path: PathBuf,
     },
-    /// A model has faces, but none with an area.
-    #[error("{}: each of its {dropped} triangles has zero area; check the scale of the export", path.display())]
-    NoArea {
+    /// A model has faces, but none of three different corners.
+    #[error("{}: none of its {dropped} triangles has three different corners; check the scale of the export", path.display())]
+    NoTriangles {
         /// The model.
         path: PathBuf,
         /// How many triangles there are.

@@ -5,11 +5,11 @@ use emboss_kernels::interface::{FLIPPED, NO_SEAMS, Triangle, Vertex};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
-/// A triangle of the source with an area.
+/// A triangle of the source with three different positions.
 struct Face {
     /// Indices of its vertices, counter-clockwise seen from outside.
     vertices: [u32; 3],
-    /// Its outward normal, twice its area long.
+    /// Its outward normal, twice its area long: zero for a sliver, whose positions lie in a line.
     area_normal: DVec3,
 }
 
@@ -26,8 +26,14 @@ impl Mesh {
     /// - Normals are normalised; zero ones are replaced by the area-weighted mean of the normals of all faces at
     ///   the position, whatever else splits its vertices. Where that mean vanishes (a sheet and its back), the
     ///   first of these faces gives its normal.
-    /// - Triangles of zero area are left out and counted in [`Mesh::dropped`]. The area is computed in f64, where
-    ///   the differences and products of f32 coordinates of similar size are exact.
+    /// - Triangles with two corners at one position (-0 is 0) are left out and counted in [`Mesh::dropped`]: their
+    ///   other two edges are one, so that nothing opens. Slivers, whose three positions differ but lie in a line,
+    ///   stay: one that fills a T-junction gets an area where the surface is displaced, and closes it.
+    /// - Slivers add nothing to computed normals. Where only slivers meet, the normal is the mean of those computed
+    ///   at the other ends of their edges, once for each sliver at an edge; all of them share it, as anywhere.
+    ///   Where these have none either, it is zero, which does not displace.
+    ///
+    /// Areas are computed in f64, where the differences and products of f32 coordinates of similar size are exact.
     ///
     /// Positions, normals and texture coordinates must be finite, indices within `vertices`.
     pub fn from_triangles(vertices: &[Vertex], triangles: &[[u32; 3]]) -> Self {
@@ -60,11 +66,15 @@ impl Mesh {
     }
 }
 
-/// The face of a triangle, `None` where its area is zero.
+/// The face of a triangle, `None` where two of its corners are at one position.
 fn face(vertices: &[Vertex], triangle: [u32; 3]) -> Option<Face> {
-    let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position.as_dvec3());
-    let area_normal = (p1 - p0).cross(p2 - p0);
-    (area_normal != DVec3::ZERO).then_some(Face { vertices: triangle, area_normal })
+    let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position);
+    // As with `bits`, -0 equals 0; positions are finite.
+    if p0 == p1 || p1 == p2 || p2 == p0 {
+        return None;
+    }
+    let [p0, p1, p2] = [p0, p1, p2].map(|p| p.as_dvec3());
+    Some(Face { vertices: triangle, area_normal: (p1 - p0).cross(p2 - p0) })
 }
 
 /// For each vertex the number of its position, in order of first use by a face; vertices without a face get 0.
@@ -78,7 +88,7 @@ fn weld_positions(vertices: &[Vertex], faces: &[Face]) -> Vec<u32> {
     position_of
 }
 
-/// The unit normal of each welded position: see [`Mesh::from_triangles`].
+/// The unit normal of each welded position, or zero: see [`Mesh::from_triangles`].
 fn computed_normals(position_of: &[u32], faces: &[Face]) -> Vec<Vec3> {
     let count = faces.iter().flat_map(|f| f.vertices).map(|v| position_of[v as usize] as usize + 1).max();
     let mut sums = vec![NormalSum::default(); count.unwrap_or(0)];
@@ -87,13 +97,32 @@ fn computed_normals(position_of: &[u32], faces: &[Face]) -> Vec<Vec3> {
             sums[position_of[v as usize] as usize].add(face.area_normal);
         }
     }
-    sums.iter().map(NormalSum::unit).collect()
+    let mut normals: Vec<Vec3> = sums.iter().map(NormalSum::unit).collect();
+    for (position, sum) in neighbour_sums(position_of, faces, &normals) {
+        normals[position] = sum.unit();
+    }
+    normals
 }
 
-/// The area normals of the faces at a position.
+/// For each position without a normal the sum of its neighbours', in order of faces.
+fn neighbour_sums(position_of: &[u32], faces: &[Face], normals: &[Vec3]) -> HashMap<usize, NormalSum> {
+    let mut sums: HashMap<usize, NormalSum> = HashMap::new();
+    for face in faces {
+        let [a, b, c] = face.vertices.map(|v| position_of[v as usize] as usize);
+        for (position, neighbours) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
+            if normals[position] == Vec3::ZERO {
+                let sum = sums.entry(position).or_default();
+                neighbours.into_iter().for_each(|n| sum.add(normals[n].as_dvec3()));
+            }
+        }
+    }
+    sums
+}
+
+/// The area normals of the faces at a position, or the normals of its neighbours.
 #[derive(Clone, Copy, Default)]
 struct NormalSum {
-    /// Of the first face.
+    /// The first that is not zero.
     first: DVec3,
     /// Of all.
     sum: DVec3,
@@ -102,16 +131,16 @@ struct NormalSum {
 }
 
 impl NormalSum {
-    /// Adds a face's.
-    fn add(&mut self, area_normal: DVec3) {
+    /// Adds one.
+    fn add(&mut self, normal: DVec3) {
         if self.length == 0.0 {
-            self.first = area_normal;
+            self.first = normal;
         }
-        self.sum += area_normal;
-        self.length += area_normal.length();
+        self.sum += normal;
+        self.length += normal.length();
     }
 
-    /// The mean's direction, or the first face's where they cancel.
+    /// The mean's direction, or the first one's where they cancel; zero where all are.
     fn unit(&self) -> Vec3 {
         let cancelled = self.sum.length() <= CANCELLED * self.length;
         (if cancelled { self.first } else { self.sum }).normalize_or_zero().as_vec3()
@@ -294,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_area_is_dropped_and_counted() {
+    fn corners_that_coincide_are_dropped_and_counted_but_slivers_stay() {
         let none = [0.0; 3];
         let vertices = [
             vertex([0.1, 0.1, 0.1], none, 0.0, 0.0),
@@ -302,10 +331,40 @@ mod tests {
             vertex([0.3, 0.3, 0.3], none, 0.0, 1.0),
             vertex([0.1, 0.1, 0.1], none, 0.7, 0.0),
             vertex([0.0, 1.0, 0.0], none, 0.0, 1.0),
+            vertex([-0.0, 1.0, -0.0], none, 0.0, 1.0),
         ];
-        // A repeated index, two vertices at one position, three on a line, and one that counts.
-        let mesh = Mesh::from_triangles(&vertices, &[[0, 0, 4], [0, 3, 4], [0, 1, 2], [0, 1, 4]]);
-        assert_eq!((mesh.triangles.len(), mesh.dropped, mesh.vertices.len()), (1, 3, 3));
+        // A repeated index, two vertices at one position, two that differ in signs of 0, and three on a line.
+        let mesh = Mesh::from_triangles(&vertices, &[[0, 0, 4], [0, 3, 4], [4, 1, 5], [0, 1, 2], [0, 1, 4]]);
+        assert_eq!((mesh.triangles.len(), mesh.dropped, mesh.vertices.len()), (2, 3, 4));
+    }
+
+    #[test]
+    fn normals_at_slivers_are_their_neighbours() {
+        let none = [0.0; 3];
+        let vertices = [
+            vertex([0.0, 0.0, 0.0], none, 0.0, 0.0),
+            vertex([4.0, 0.0, 0.0], none, 1.0, 0.0),
+            vertex([0.0, 4.0, 0.0], none, 0.0, 1.0),
+            vertex([4.0, 0.0, 4.0], none, 0.0, 1.0),
+            vertex([2.0, 0.0, 0.0], none, 0.5, 0.0),
+            vertex([1.0, 0.0, 0.0], none, 0.5, 0.0),
+            vertex([1.5, 0.0, 0.0], none, 0.5, 0.0),
+        ];
+        // Two faces, two slivers with a corner of their own between them, and one that touches no face.
+        let faces = [[0, 1, 2], [1, 2, 3], [0, 4, 1], [1, 4, 0], [4, 5, 6]];
+        let mesh = Mesh::from_triangles(&vertices, &faces[..4]);
+        let normal = |mesh: &Mesh, x: f32| {
+            let at = Vec3::new(x, 0.0, 0.0);
+            mesh.vertices.iter().find(|v| v.position == at).expect("used").normal
+        };
+        let without = Mesh::from_triangles(&vertices, &faces[..2]);
+        let ends = [0.0, 4.0].map(|x| normal(&without, x));
+        assert_eq!([0.0, 4.0].map(|x| normal(&mesh, x)), ends, "slivers weigh nothing");
+        let expected = (ends[0] + ends[1]).normalize();
+        assert!(normal(&mesh, 2.0).abs_diff_eq(expected, 2f32.powi(-22)), "{:?}", mesh.vertices);
+        // A position whose neighbours have none from faces has none.
+        let chain = Mesh::from_triangles(&vertices, &faces);
+        assert_eq!((normal(&chain, 2.0), normal(&chain, 1.0)), (normal(&mesh, 2.0), Vec3::ZERO));
     }
 
     #[test]

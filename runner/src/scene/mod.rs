@@ -16,11 +16,12 @@ pub use error::SceneError;
 /// A base mesh in the layout of the kernels.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// Its corners; unit normals, finite everything.
+    /// Its corners; unit normals (zero where [`Mesh::from_triangles`] says so), finite everything.
     pub vertices: Vec<Vertex>,
-    /// Its triangles, none of zero area, vertices in ascending order with [`Triangle::flags`] keeping the winding.
+    /// Its triangles, each of three different positions (which may lie in a line), vertices in ascending order with
+    /// [`Triangle::flags`] keeping the winding.
     pub triangles: Vec<Triangle>,
-    /// How many triangles of the source had zero area and were left out.
+    /// How many triangles of the source had two corners at one position, or fewer than three, and were left out.
     pub dropped: usize,
 }
 

@@ -150,7 +150,7 @@ fn edges(mesh: &Mesh, place_of: &[u32]) -> HashMap<(u32, u32), Vec<Side>> {
     for (i, triangle) in mesh.triangles.iter().enumerate() {
         for edge in 0..3 {
             let [a, b] = ends(triangle, edge).map(|v| place_of[v as usize]);
-            debug_assert!(a != b, "a triangle of zero area");
+            debug_assert!(a != b, "two corners at one place");
             edges.entry((a.min(b), a.max(b))).or_default().push(Side { triangle: index(i), edge });
         }
     }
@@ -370,6 +370,46 @@ mod tests {
         assert!(job.buffers.seams.is_empty() && job.buffers.seam_sides.is_empty());
         assert_eq!(job.features.seams, 0);
         assert_eq!(cracks(&job), 0);
+    }
+
+    /// A tetrahedron with a T-junction: a vertex halfway along one edge belongs to one face there, which is cut in
+    /// two, and not to the other. A sliver lies between them.
+    #[test]
+    fn a_sliver_closes_a_t_junction() {
+        let positions = [
+            Vec3::new(-1.0, 0.0, 0.0),
+            Vec3::new(1.0, 0.0, 0.0),
+            Vec3::new(0.0, -1.0, 1.0),
+            Vec3::new(0.0, 1.0, 1.0),
+            Vec3::ZERO,
+        ];
+        // The whole face, the two halves of its neighbour, the sliver, and the two faces across.
+        let faces: [[usize; 3]; 6] = [[0, 2, 1], [0, 4, 3], [4, 1, 3], [0, 1, 4], [0, 3, 2], [1, 2, 3]];
+        for (split_normals, split_uv) in [(false, false), (false, true), (true, false), (true, true)] {
+            let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+            for (i, face) in faces.iter().enumerate() {
+                let first = index(vertices.len());
+                triangles.push([first, first + 1, first + 2]);
+                for &corner in face {
+                    let seed = index(if split_uv { vertices.len() } else { corner });
+                    let (u, v) = (noise(300 + seed), noise(400 + seed));
+                    // Zero normals are computed from the faces with an area.
+                    let axis = [Vec3::X, Vec3::Y, Vec3::Z][i % 3];
+                    let normal = if split_normals { axis } else { Vec3::ZERO };
+                    vertices.push(Vertex { position: positions[corner], normal, u, v });
+                }
+            }
+            let mesh = Mesh::from_triangles(&vertices, &triangles);
+            assert_eq!((mesh.triangles.len(), mesh.dropped), (6, 0));
+            let scene = Scene { mesh, ..octahedron(false, false, 1) };
+            for n in [1, 3, 8] {
+                for normals in [Normals::Normalized, Normals::Linear] {
+                    let job = job(&scene, n, normals, Weld::On);
+                    assert_eq!(job.features.seams, u32::from(split_normals || split_uv));
+                    assert_eq!(cracks(&job), 0, "N = {n}");
+                }
+            }
+        }
     }
 
     /// Two triangles folded along the x axis, with normals +z and +y, each with its own map: heights 1 and 3.

@@ -16,8 +16,8 @@ use survey::Survey;
 /// Loads a model: all its objects and groups as one mesh, and the maps that its materials name.
 ///
 /// Polygons are cut into a fan from their first corner; that of a concave one may reach outside it. Normals that
-/// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of zero-area triangles
-/// applies. A face with fewer than three corners counts as dropped, too. A material library that cannot be
+/// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of triangles with corners
+/// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot be
 /// read is a warning.
 pub fn load_obj(path: &Path) -> Result<(Mesh, MaterialMaps), SceneError> {
     let text = read_text(path)?;
@@ -30,7 +30,7 @@ pub fn load_obj(path: &Path) -> Result<(Mesh, MaterialMaps), SceneError> {
     let mut mesh = triangulate(path, &survey.reduce(text))?;
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
-        return Err(SceneError::NoArea { path: path.into(), dropped: mesh.dropped });
+        return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
     }
     Ok((mesh, material::load_maps(path, &survey)))
 }

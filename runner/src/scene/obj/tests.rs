@@ -160,7 +160,7 @@ fn a_texture_seam_splits_vertices_but_not_computed_normals() {
 }
 
 #[test]
-fn zero_area_and_thin_faces_are_counted() {
+fn coinciding_corners_and_thin_faces_are_counted() {
     let mesh = load(square("f 1/1 2/2 3/3\nf 1/1 1/1 2/2\nf 1/1 2/2\n")).unwrap();
     assert_eq!((mesh.triangles.len(), mesh.dropped), (1, 2));
 }
@@ -180,7 +180,7 @@ fn broken_files_are_named_with_a_remedy() {
     assert_eq!(message(SQUARE), format!("model.obj: {message_of_empty}"));
     assert_eq!(
         message(square("f 1/1 2/2 2/2\nf 1/1 2/2\n")),
-        "model.obj: each of its 2 triangles has zero area; check the scale of the export"
+        "model.obj: none of its 2 triangles has three different corners; check the scale of the export"
     );
     assert_eq!(
         message(b"v 0 0 0\n# caf\xe9\n"),
