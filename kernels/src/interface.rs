@@ -227,17 +227,17 @@ pub struct Triangle {
 /// coordinates or height maps. The edges and corners concerned are decided here, once for all triangles at them, so
 /// that these compute the same micro-vertices and the surface has no crack.
 ///
-/// A corner is *decided* where several vertices stand at its position: direction and height are then those given
+/// A corner is *decided* where several vertices stand at its position, or triangles of several maps: direction and height are then those given
 /// here. An edge is a *seam* where its triangles do not all share its two vertices and the height map: its
 /// micro-vertices are displaced along the directions given here, interpolated, by the mean of the heights that its
-/// sides read.
+/// different sides read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Seams {
     /// Displacement direction at each corner, a unit vector (or zero): the normalised mean of the normals there, or
     /// the vertex's own normal where the corner is not decided.
     pub directions: [[f32; 3]; 3],
-    /// Height at each decided corner: the mean over all triangle corners there.
+    /// Height at each decided corner: the mean over the different readings of maps there.
     pub heights: [f32; 3],
     /// Bit e: corner e is decided. Bit 3 + e: the edge across from corner e is a seam.
     pub flags: u32,

@@ -7,7 +7,7 @@ use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
 use crate::interface::{color_format, method, shade};
-use crate::math::{at, cross, dot, gamma, next_down, next_up};
+use crate::math::{at, cross, dot, gamma, max_abs, next_down, next_up};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
@@ -25,7 +25,8 @@ pub struct SurfaceInteraction {
     pub ng: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
-    /// Height of the displacement there, in model units; 0 where nothing is displaced.
+    /// Height that the triangle's own map gives there, in model units (seams may decide another); 0 where nothing is
+    /// displaced.
     pub height: f32,
 }
 
@@ -52,7 +53,9 @@ impl SurfaceInteraction {
             };
             ([q0.position, q1.position, q2.position], interpolate(b, corner(0), corner(1), corner(2)))
         };
-        let n = cross(p[1] - p[0], p[2] - p[0]).normalize();
+        // Brought to size first: an area's square may be more or less than a float can hold.
+        let area = cross(p[1] - p[0], p[2] - p[0]);
+        let n = (area / max_abs(area)).normalize();
         let uv = base.uv(w);
         SurfaceInteraction {
             point: interpolate(b, p[0], p[1], p[2]),

@@ -42,8 +42,8 @@ impl Heights {
                 first_word,
                 first_range,
             });
-            first_word += word(map.texels.len());
-            first_range += pyramid_words(format, map.width, map.height);
+            first_word = sum(first_word, word(map.texels.len()));
+            first_range = sum(first_range, pyramid_words(format, map.width, map.height));
             if heights.texels.is_empty() {
                 heights.texels = map.texels;
             } else {
@@ -93,6 +93,11 @@ fn floats(map: &HeightMap) -> HeightMap {
     let texels =
         (0..map.height).flat_map(|y| (0..map.width).map(move |x| map.texel(x, y).to_bits())).collect();
     HeightMap { format: height_format::FLOAT32, texels, ..map.clone() }
+}
+
+/// A number of words so far and more.
+fn sum(words: u32, more: u32) -> u32 {
+    words.checked_add(more).expect("height maps of fewer than 2^32 words")
 }
 
 /// A number of words; maps of one scene have fewer than 2^32.

@@ -1,4 +1,4 @@
-//! The min/max pyramid of a height map: bounds on heights over any box of texels in a single read.
+//! The min/max pyramid of a height map: bounds on heights over any box of texels in a few reads.
 //!
 //! Entry (x, y) of level l holds the least and the greatest texel of the square that begins at texel (x 2^l, y 2^l) and
 //! is 2^(l+1) texels wide: twice the entries' spacing, so that any box no larger than 2^l + 1 texels lies in the entry at
@@ -252,10 +252,11 @@ pub fn texel_coordinates(map: &Displacement, uv: Vec2) -> Vec2 {
 
 /// How far texel coordinates, computed from texture coordinates up to `uv` in magnitude by some linear function of the
 /// grid, can lie from those that a micro-vertex reads: u = 2^-24 for each of the 4 roundings of the interpolated
-/// coordinate, 2 for its reduction, 2 for its scale, and 8 of this side's own linear function, all of magnitude |uv| + 1.
+/// coordinate and 5 of its weights (Vulkan's division), 2 for its reduction, 2 for its scale; for this side's linear function 5
+/// of 1/N times differences of twice the magnitude, and 6 of its own: below 32, all of magnitude |uv| + 1.
 #[inline]
 pub fn texel_error(map: &Displacement, uv: Vec2) -> Vec2 {
-    let error = (uv.abs() + Vec2::ONE) * (16.0 * UNIT_ROUNDOFF);
+    let error = (uv.abs() + Vec2::ONE) * (32.0 * UNIT_ROUNDOFF);
     Vec2::new(error.x * map.map_width as f32, error.y * map.map_height as f32)
 }
 

@@ -8,7 +8,7 @@
 //! # The bound
 //! Every micro-vertex over a node is p(w) + lift n(w), p and n linear, so that it is a convex combination of the six
 //! points p_c + lift n_c at the node's corners c and the two ends of the lift's range. Lifts are heights, whose range
-//! over the node's texture coordinates the [min/max pyramid](super::height_pyramid) gives in one read; for normalised
+//! over the node's texture coordinates the [min/max pyramid](super::height_pyramid) gives in a few reads; for normalised
 //! directions they are divided by |n|, which is no more than its greatest at a corner (it is convex) and no less
 //! than the least n_c . m, m any unit vector, here the direction of the mean normal.
 //!
@@ -409,7 +409,8 @@ impl Prism {
         let moved = 10.0 * coordinate + 8.0 * distance + 2.0 * max_abs(origin);
         // A point of the bound is off by the frame's axes (4 u, not quite at right angles), their products (5 u), the
         // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's size.
-        let margin = UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size);
+        // Lifts of caps and seams reach up to ten heights.
+        let margin = UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size + 128.0 * reach);
         Prism {
             primitive: base.primitive,
             has_seams: base.has_seams(field),
@@ -610,7 +611,7 @@ impl Lifts {
 }
 
 /// The length of an interpolated normal below which a node's bound takes any direction for possible: above it the six
-/// points lie within four heights, which the margin reckons with.
+/// points lie within four heights.
 const SHORTEST: f32 = 0.25;
 
 /// A box in the ray's frame.

@@ -126,9 +126,12 @@ pub struct MicroVertex {
     /// Where it is: `p + lift * n`, p and n interpolated linearly over the base triangle.
     pub position: Vec3,
     /// How many times n it is lifted by. Normalised directions: its height divided by the length of n, 0 where n is
-    /// zero, since there is no direction to displace in. Linear directions: its height.
+    /// zero or all but, since there is no direction to displace in. Linear directions: its height.
     pub lift: f32,
 }
+
+/// An interpolated normal no longer than this has no direction: its square is near what floats can hold, or rounding.
+const NO_DIRECTION: f32 = 1e-15;
 
 /// Along which direction a micro-vertex is displaced, and how far.
 #[derive(Clone, Copy)]
@@ -204,7 +207,7 @@ impl BaseTriangle {
             h
         } else {
             let length = sqrt(dot(site.direction, site.direction));
-            if length > 0.0 { h / length } else { 0.0 }
+            if length > NO_DIRECTION { h / length } else { 0.0 }
         };
         MicroVertex { position: fma3(lift, site.direction, p), lift }
     }

@@ -75,6 +75,7 @@ impl SceneBuffers {
         let map_is_sound = |map: &Displacement| {
             let words = texel_words(map);
             words > 0
+                && u64::from(map.map_width) * u64::from(map.map_height) <= u32::MAX.into()
                 && within(map.first_word, words, self.height_texels.len())
                 && within(
                     map.first_range,
@@ -84,7 +85,9 @@ impl SceneBuffers {
         };
         let seams_are_sound = |seams: &Seams| {
             let ends = seams.first_side.iter().zip(&seams.side_count);
-            ends.into_iter().all(|(&first, &count)| within(first, count.into(), self.seam_sides.len()))
+            let sides_are_there =
+                ends.into_iter().all(|(&first, &count)| within(first, count.into(), self.seam_sides.len()));
+            sides_are_there && (0..3).all(|e| seams.flags >> (3 + e) & 1 == 0 || seams.side_count[e] > 0)
         };
         let maps = self.displacements.len();
         let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
@@ -120,7 +123,11 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
-        } else if traced && color_words > self.color_texels.len() as u64 {
+        } else if traced && color_words > self.color_texels.len().min(u32::MAX as usize) as u64
+            || traced
+                && features.color_format != color_format::NONE
+                && (frame.color_width == 0 || frame.color_height == 0)
+        {
             "the colour map has fewer texels than its size says"
         } else {
             return Ok(());
@@ -306,7 +313,7 @@ mod tests {
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 15] = [
+        let breaks: [(&str, Break); 17] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
             ("a triangle", |scene, _| scene.primitives[0] = 1),
             ("BVH node", |scene, _| scene.nodes[0].count = 2),
@@ -319,9 +326,11 @@ mod tests {
             ("triangle names a height map", |scene, _| scene.triangles[0].displacement = 1),
             ("names seams", |scene, _| scene.triangles[0].seams = 1),
             ("names sides", |scene, _| scene.seams[0].first_side[0] = 1),
+            ("names sides", |scene, _| scene.seams[0].flags = 1 << 4),
             ("side names a height map", |scene, _| scene.seam_sides[0].displacement = 1),
             ("N is not", |_, frame| frame.subdivisions = 0),
             ("colour map", |_, frame| frame.color_width = 4),
+            ("colour map", |_, frame| frame.color_width = 0),
         ];
         for (expected, fault) in breaks {
             let (mut scene, mut frame, features) = sound();
