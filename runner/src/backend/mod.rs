@@ -97,6 +97,10 @@ impl SceneBuffers {
             color_format::SRGB8 => map_words(frame.color_width, frame.color_height, |texels| 256 + texels),
             _ => map_words(frame.color_width, frame.color_height, |texels| 3 * texels),
         };
+        let color_is_sound = features.color_format == color_format::NONE
+            || frame.color_width > 0
+                && frame.color_height > 0
+                && color_words <= self.color_texels.len().min(u32::MAX as usize) as u64;
         let traced = frame.triangle_count > 0;
         let displaced = traced && features.method != method::NONE;
         let node_is_sound = |node: &BvhNode| match node.count {
@@ -123,11 +127,7 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
-        } else if traced && color_words > self.color_texels.len().min(u32::MAX as usize) as u64
-            || traced
-                && features.color_format != color_format::NONE
-                && (frame.color_width == 0 || frame.color_height == 0)
-        {
+        } else if traced && !color_is_sound {
             "the colour map has fewer texels than its size says"
         } else {
             return Ok(());

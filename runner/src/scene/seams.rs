@@ -189,20 +189,17 @@ pub fn decide_heights(
     sides: &[SeamSide],
 ) {
     type Reading = ([u32; 2], u32);
-    let decided = |seams: &[Seams]| -> Vec<(u32, usize, u32)> {
-        let with_seams = triangles.iter().filter(|triangle| triangle.seams != NO_SEAMS);
-        with_seams
-            .flat_map(|triangle| (0..3).map(move |e| (triangle.seams, e, triangle.vertices[e])))
-            .filter(|&(number, e, _)| seams[number as usize].flags >> e & 1 != 0)
-            .collect()
-    };
-    let corners = decided(seams);
-    let maps: HashMap<u32, u32> = triangles.iter().map(|t| (t.seams, t.displacement)).collect();
+    // The decided corners, each with its triangle.
+    let with_seams = triangles.iter().filter(|triangle| triangle.seams != NO_SEAMS);
+    let corners: Vec<(&Triangle, usize)> = with_seams
+        .flat_map(|triangle| (0..3).map(move |e| (triangle, e)))
+        .filter(|(triangle, e)| seams[triangle.seams as usize].flags >> e & 1 != 0)
+        .collect();
     let mut readings: HashMap<[u32; 3], Vec<Reading>> = HashMap::new();
-    for &(number, _, vertex) in &corners {
-        let Vertex { position, u, v, .. } = vertices[vertex as usize];
+    for &(triangle, e) in &corners {
+        let Vertex { position, u, v, .. } = vertices[triangle.vertices[e] as usize];
         // As with positions, -0 counts as 0.
-        let reading = ([u, v].map(|x| (x + 0.0).to_bits()), maps[&number]);
+        let reading = ([u, v].map(|x| (x + 0.0).to_bits()), triangle.displacement);
         let at_place = readings.entry(key(position)).or_default();
         if !at_place.contains(&reading) {
             at_place.push(reading);
@@ -214,8 +211,9 @@ pub fn decide_heights(
     };
     let means: HashMap<[u32; 3], f32> =
         readings.iter().map(|(&place, readings)| (place, mean(readings.iter().map(height)))).collect();
-    for &(number, e, vertex) in &corners {
-        seams[number as usize].heights[e] = means[&key(vertices[vertex as usize].position)];
+    for &(triangle, e) in &corners {
+        let place = key(vertices[triangle.vertices[e] as usize].position);
+        seams[triangle.seams as usize].heights[e] = means[&place];
     }
     for seams in seams {
         for e in (0..3).filter(|e| seams.flags >> (3 + e) & 1 != 0) {
