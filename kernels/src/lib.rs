@@ -29,6 +29,7 @@ pub mod film;
 pub mod hit;
 pub mod interface;
 pub mod math;
+pub mod parallel;
 pub mod probe;
 pub mod ray;
 pub mod render;

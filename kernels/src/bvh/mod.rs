@@ -1,3 +1,4 @@
 //! The bounding volume hierarchy over the prisms.
 
+pub mod scan;
 pub mod traverse;
