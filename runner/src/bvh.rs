@@ -5,6 +5,8 @@
 //! parent. An empty scene has no nodes.
 
 mod boxes;
+mod hlbvh;
+mod sort;
 mod validate;
 
 pub use boxes::HostAabb;

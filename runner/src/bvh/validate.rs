@@ -114,7 +114,7 @@ impl Walk<'_> {
 
     fn inner(&mut self, node: u32, inner: BvhNode, depth: u32) -> Result<(), BvhError> {
         // Children lie behind their parent, so that no chain of nodes closes to a circle.
-        if inner.first <= node || inner.first as usize + 1 >= self.bvh.nodes.len() {
+        if inner.first == 0 || inner.first as usize + 1 >= self.bvh.nodes.len() {
             return Err(BvhError::Dangling { node });
         }
         for child in [inner.first, inner.first + 1] {
