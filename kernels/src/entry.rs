@@ -5,6 +5,8 @@
 )]
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
+pub mod bvh;
+
 use crate::counters::Counts;
 use crate::displacement::height_pyramid::build_word;
 use crate::interface::{

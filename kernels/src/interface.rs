@@ -200,6 +200,9 @@ pub mod counter {
 pub const TILE_GROUP_SIZE: u32 = 8;
 /// Threads of a workgroup of `trace_rays`, `height_pyramid` and `probe`.
 pub const BATCH_GROUP_SIZE: u32 = 64;
+/// Most workgroups of a row of a dispatch over many items; what is left goes to further rows. Every Vulkan device takes
+/// 65,535 along an axis.
+pub const MOST_ROW_GROUPS: u32 = 1 << 15;
 /// Largest number of subdivisions N of a triangle's side.
 pub const MAX_SUBDIVISIONS: u32 = 4096;
 /// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry

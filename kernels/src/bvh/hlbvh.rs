@@ -9,7 +9,7 @@ use crate::bvh::header;
 use crate::bvh::morton::{LEVELS, position_level};
 use crate::bvh::node::{load_bounds, load_box, node_word, put_node, union};
 use crate::bvh::top;
-use crate::interface::{BATCH_GROUP_SIZE, BuildStep, BvhNode};
+use crate::interface::{BATCH_GROUP_SIZE, BuildStep, BvhNode, MOST_ROW_GROUPS};
 use crate::parallel::{Word, word};
 
 /// Most treelets of a tree. Twice as many make a tree of 10^6 primitives 2 % cheaper to traverse, by SAH cost.
@@ -123,7 +123,9 @@ pub fn emit_treelet(
             word(treelets, treelet + SIZE).set(right + 1 - left);
             if height > MAX_TREELET_DEPTH && !by_halves {
                 word(treelets, treelet + DEEP).set(1);
-                word(state, header::DEEP_GROUPS).max(step.count.div_ceil(BATCH_GROUP_SIZE));
+                let groups = step.count.div_ceil(BATCH_GROUP_SIZE);
+                word(state, header::DEEP_GROUPS).max(groups.min(MOST_ROW_GROUPS));
+                word(state, header::DEEP_GROUPS + 1).max(groups.div_ceil(MOST_ROW_GROUPS));
             }
         } else {
             // The lower of the two splits beside it is its parent's.

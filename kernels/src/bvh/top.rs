@@ -160,10 +160,16 @@ pub fn choose(
             i += GROUP_SIZE;
         }
     });
+    // Two treelets, half of all tasks, are parted by any plane.
+    let two = word(tasks, task + TASK_ITEMS).get() == 2;
     phase!(group, |local| {
-        evaluate_plane(shared, local, must_halve(step, tasks, task));
+        if two && local == 0 {
+            shared_put(shared, PLANES + 3, CURVE * BINS + BINS / 2);
+        } else if !two {
+            evaluate_plane(shared, local, must_halve(step, tasks, task));
+        }
     });
-    let mut distance = GROUP_SIZE / 2;
+    let mut distance = if two { 0 } else { GROUP_SIZE / 2 };
     while distance > 0 {
         phase!(group, |local| {
             if local < distance {
