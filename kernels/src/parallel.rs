@@ -185,10 +185,18 @@ impl<const SIZE: u32> Workgroup<SIZE> {
         Workgroup { id }
     }
 
-    /// Invocation `local` of workgroup number `id`.
-    #[cfg(target_arch = "spirv")]
-    pub fn new(id: u32, local: u32) -> Self {
-        Workgroup { id, local }
+    /// Workgroup number `id`, of whose invocations the caller is number `local`. For entry points, which the CPU does
+    /// not call: it has no such invocations.
+    pub(crate) fn of_invocation(id: u32, local: u32) -> Self {
+        #[cfg(not(target_arch = "spirv"))]
+        {
+            debug_assert!(local < SIZE);
+            Workgroup { id }
+        }
+        #[cfg(target_arch = "spirv")]
+        {
+            Workgroup { id, local }
+        }
     }
 
     /// How many invocations it has.

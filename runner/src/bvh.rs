@@ -5,6 +5,7 @@
 //! parent. An empty scene has no nodes.
 
 mod boxes;
+pub mod sort;
 mod validate;
 
 pub use boxes::HostAabb;

@@ -4,7 +4,7 @@
 //! up: `instance` and `validation`, `physical` (which device), `device` (the open device and handles that
 //! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
 //! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
-//! `resident` is a scene with its film.
+//! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others.
 //!
 //! Everything runs on one queue, one submission at a time, and each is waited for. Hence between two submissions
 //! buffers can be dropped and descriptors written, and a program that ends leaves nothing running.
@@ -23,6 +23,8 @@ mod physical;
 mod pipeline;
 mod programs;
 mod resident;
+mod scan;
+mod sort;
 mod tiles;
 mod transfers;
 mod validation;
@@ -34,6 +36,7 @@ use buffer::{Buffer, Label};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
+use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
 use emboss_kernels::interface::{Counter, FilmPixel, Frame, Intersection, Ray, binding, counter};
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
 use emboss_kernels::scene::Features;
@@ -42,6 +45,7 @@ use instance::Instance;
 use pipeline::Kernel;
 use programs::Programs;
 use resident::Resident;
+use sort::{SortBuffers, Sorter};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use transfers::Transfers;
@@ -76,6 +80,8 @@ pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
 pub struct VulkanBackend {
     resident: Resident,
     programs: Programs,
+    /// Made when it is first needed.
+    sorter: Option<Sorter>,
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
@@ -99,7 +105,7 @@ impl VulkanBackend {
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
         let programs = Programs::default();
-        Ok(VulkanBackend { resident, programs, transfers, commands, device, samples_ms: 0.0 })
+        Ok(VulkanBackend { resident, programs, sorter: None, transfers, commands, device, samples_ms: 0.0 })
     }
 
     /// What the validation layers have said so far; empty where validation is off.
@@ -132,6 +138,55 @@ impl VulkanBackend {
     /// Where the scene has fewer.
     pub fn height_ranges(&mut self, words: usize) -> Result<Vec<u32>, BackendError> {
         self.transfers.read(&self.commands, self.resident.buffer(binding::HEIGHT_RANGES), words)
+    }
+
+    /// Sorts pairs of a key and a value by keys of `bits` bits, stably. A key has one word, or two where `bits` is above
+    /// 32: then the lower words of all keys come first, then the upper ones; so also in what is returned. A part of the
+    /// BVH's build, by itself for tests.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where `bits` is not 1 to 64, keys and values are not equally many, or there are more than 65,535 blocks of 1024.
+    pub fn sort_pairs(
+        &mut self,
+        keys: &[u32],
+        values: &[u32],
+        bits: u32,
+    ) -> Result<(Vec<u32>, Vec<u32>), BackendError> {
+        assert!((1..=64).contains(&bits) && keys.len() == values.len() * limbs(bits) as usize);
+        let count = length(values);
+        let key_words = self.buffer("the sort's keys", 2 * size_of_val(keys), cast_slice(keys))?;
+        let value_words = self.buffer("the sort's values", 2 * size_of_val(values), cast_slice(values))?;
+        let counts = self.buffer("the sort's counts", words(count_words(count)), &[])?;
+        let sums = self.buffer("the sort's sums", words(sort::sum_words(count)), &[])?;
+        let sorter = made(&mut self.sorter, &self.device)?;
+        sorter.bind(SortBuffers { keys: &key_words, values: &value_words, counts: &counts, sums: &sums });
+        self.commands.run("sorting", |recorder| sorter.record(recorder, count, bits))?;
+        let half = result_half(bits) as usize;
+        let mut both_keys = self.transfers.read(&self.commands, &key_words, 2 * keys.len())?;
+        let mut both_values = self.transfers.read(&self.commands, &value_words, 2 * values.len())?;
+        let keys = both_keys.drain(half * keys.len()..).take(keys.len()).collect();
+        let values = both_values.drain(half * values.len()..).take(values.len()).collect();
+        Ok((keys, values))
+    }
+
+    /// The exclusive prefix sums of `values`, modulo 2^32. A part of the BVH's build, by itself for tests.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where there are more than 65,535 blocks of 1024.
+    pub fn scan(&mut self, values: &[u32]) -> Result<Vec<u32>, BackendError> {
+        let count = length(values);
+        let scanned = self.buffer("the scan's values", size_of_val(values), cast_slice(values))?;
+        let sums = self.buffer("the scan's sums", words(scan::sum_words(count)), &[])?;
+        let scanner = made(&mut self.sorter, &self.device)?.scanner();
+        scanner.bind(&scanned, &sums);
+        self.commands.run("scanning", |recorder| scanner.record(recorder, count))?;
+        self.transfers.read(&self.commands, &scanned, values.len())
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
@@ -239,6 +294,14 @@ impl Backend for VulkanBackend {
     }
 }
 
+/// The sorter, made now if this is the first time that it is needed.
+fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a Sorter, BackendError> {
+    Ok(match sorter {
+        Some(sorter) => sorter,
+        None => sorter.insert(Sorter::new(device)?),
+    })
+}
+
 /// An empty scene, and a film without pixels.
 fn empty(
     device: &Arc<Device>,
@@ -248,7 +311,12 @@ fn empty(
     Resident::new(device, commands, transfers, &SceneBuffers::default(), &Frame::default())
 }
 
-/// Length of at most [`RAYS_AT_A_TIME`] rays.
-fn length(rays: &[Ray]) -> u32 {
-    u32::try_from(rays.len()).unwrap_or(u32::MAX)
+/// Length of a slice that is known to be short, or is refused where it is not.
+fn length<T>(slice: &[T]) -> u32 {
+    u32::try_from(slice.len()).unwrap_or(u32::MAX)
+}
+
+/// Size of `count` words in bytes.
+fn words(count: u32) -> usize {
+    count as usize * size_of::<u32>()
 }

@@ -5,7 +5,7 @@ use super::device::{Device, Owned};
 use crate::backend::BackendError;
 use ash::vk;
 use bytemuck::bytes_of;
-use emboss_kernels::interface::{Batch, PyramidPart, Tile, binding, spec};
+use emboss_kernels::interface::{Batch, PyramidPart, SortPass, Tile, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CStr;
 use std::io::Cursor;
@@ -25,12 +25,27 @@ pub(super) enum Kernel {
     TraceRays,
     HeightPyramid,
     Probe,
+    SumBlocks,
+    ScanSerially,
+    ScanBlocks,
+    CountDigits,
+    ScatterPairs,
 }
 
 impl Kernel {
     #[cfg(test)]
-    const ALL: [Kernel; 5] =
-        [Kernel::Render, Kernel::Resolve, Kernel::TraceRays, Kernel::HeightPyramid, Kernel::Probe];
+    const ALL: [Kernel; 10] = [
+        Kernel::Render,
+        Kernel::Resolve,
+        Kernel::TraceRays,
+        Kernel::HeightPyramid,
+        Kernel::Probe,
+        Kernel::SumBlocks,
+        Kernel::ScanSerially,
+        Kernel::ScanBlocks,
+        Kernel::CountDigits,
+        Kernel::ScatterPairs,
+    ];
 
     fn entry_point(self) -> &'static CStr {
         match self {
@@ -39,6 +54,11 @@ impl Kernel {
             Kernel::TraceRays => c"trace_rays",
             Kernel::HeightPyramid => c"height_pyramid",
             Kernel::Probe => c"probe",
+            Kernel::SumBlocks => c"sum_blocks",
+            Kernel::ScanSerially => c"scan_serially",
+            Kernel::ScanBlocks => c"scan_blocks",
+            Kernel::CountDigits => c"count_digits",
+            Kernel::ScatterPairs => c"scatter_pairs",
         }
     }
 
@@ -50,6 +70,8 @@ impl Kernel {
             Kernel::TraceRays => "tracing rays",
             Kernel::HeightPyramid => "bounding the height maps",
             Kernel::Probe => "probing a kernel",
+            Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
+            Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
         }
     }
 
@@ -94,6 +116,10 @@ impl Kernel {
             ],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
+            Kernel::ScanSerially => &[SCAN_VALUES],
+            Kernel::SumBlocks | Kernel::ScanBlocks => &[SCAN_VALUES, SCAN_SUMS],
+            Kernel::CountDigits => &[SORT_KEYS, SORT_COUNTS],
+            Kernel::ScatterPairs => &[SORT_KEYS, SORT_VALUES, SORT_COUNTS],
         }
     }
 
@@ -102,6 +128,8 @@ impl Kernel {
             Kernel::Render | Kernel::Resolve => size_of::<Tile>(),
             Kernel::TraceRays | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
+            Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
+            Kernel::CountDigits | Kernel::ScatterPairs => size_of::<SortPass>(),
         }
     }
 }
