@@ -7,13 +7,16 @@
 
 pub mod bvh;
 
+use crate::bvh::radix_sort::{self, Pairs};
+use crate::bvh::scan;
 use crate::counters::Counts;
 use crate::displacement::height_pyramid::build_word;
 use crate::interface::{
     Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, PyramidPart, Ray,
-    SeamSide, Seams, Tile, Triangle, Vertex, counter,
+    SeamSide, Seams, SortPass, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
+use crate::parallel::{Word, Workgroup};
 use crate::scene::{Features, SceneView};
 use crate::{probe, render};
 use glam::{UVec3, Vec4};
@@ -192,6 +195,74 @@ pub fn probe(
     if id.x < batch.count {
         probe::run(batch.kernel, input, output, batch.first + id.x);
     }
+}
+
+/// First dispatch of a scan: sums each block.
+#[spirv(compute(threads(128), entry_point_name = "sum_blocks"))]
+pub fn sum_blocks(
+    #[spirv(workgroup_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut scan::Shared,
+    #[spirv(push_constant)] count: &u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 22)] values: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 23)] sums: &[Word],
+) {
+    scan::sum_blocks(Workgroup::of_invocation(id.x, local), shared, values, *count, sums);
+}
+
+/// Second dispatch of a scan, or all of a short one: a single workgroup scans block after block.
+#[spirv(compute(threads(128), entry_point_name = "scan_serially"))]
+pub fn scan_serially(
+    #[spirv(workgroup_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut scan::Shared,
+    #[spirv(push_constant)] count: &u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 22)] values: &[Word],
+) {
+    scan::scan_serially(Workgroup::of_invocation(id.x, local), shared, values, *count);
+}
+
+/// Third dispatch of a scan: scans each block from its sum on.
+#[spirv(compute(threads(128), entry_point_name = "scan_blocks"))]
+pub fn scan_blocks(
+    #[spirv(workgroup_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut scan::Shared,
+    #[spirv(push_constant)] count: &u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 22)] values: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 23)] sums: &[Word],
+) {
+    scan::scan_blocks(Workgroup::of_invocation(id.x, local), shared, values, *count, sums);
+}
+
+/// First dispatch of a pass of a sort: counts each block's digits.
+#[spirv(compute(threads(128), entry_point_name = "count_digits"))]
+pub fn count_digits(
+    #[spirv(workgroup_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] counters: &mut radix_sort::Counters,
+    #[spirv(push_constant)] pass: &SortPass,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 19)] keys: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 21)] counts: &[Word],
+) {
+    radix_sort::count_digits(Workgroup::of_invocation(id.x, local), counters, pass, keys, counts);
+}
+
+/// Last dispatch of a pass of a sort: takes each pair to its place.
+#[spirv(compute(threads(128), entry_point_name = "scatter_pairs"))]
+pub fn scatter_pairs(
+    #[spirv(workgroup_id)] id: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] counters: &mut radix_sort::Counters,
+    #[spirv(workgroup)] sums: &mut scan::Shared,
+    #[spirv(workgroup)] staged: &mut radix_sort::Staged,
+    #[spirv(push_constant)] pass: &SortPass,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 19)] keys: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 20)] values: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 21)] counts: &[Word],
+) {
+    let group = Workgroup::of_invocation(id.x, local);
+    radix_sort::scatter_pairs(group, counters, sums, staged, pass, Pairs { keys, values }, counts);
 }
 
 /// Adds an invocation's counts to the totals: cap hits always, the rest where counting is compiled in. Then a

@@ -49,7 +49,16 @@ pub mod binding {
     pub const PROBE_IN: u32 = 17;
     /// `[u32]`, the results of `probe`, written.
     pub const PROBE_OUT: u32 = 18;
-    // 19 to 24: the sort, the scan and the boxes.
+    /// `[Word]`: the keys of a [`radix_sort`](crate::bvh::radix_sort), read and written.
+    pub const SORT_KEYS: u32 = 19;
+    /// `[Word]`: the values of a sort, read and written.
+    pub const SORT_VALUES: u32 = 20;
+    /// `[Word]`: how many pairs of each digit each block has, written by `count_digits`, read by `scatter_pairs`.
+    pub const SORT_COUNTS: u32 = 21;
+    /// `[Word]`: what a [`scan`](crate::bvh::scan) works on, read and written.
+    pub const SCAN_VALUES: u32 = 22;
+    /// `[Word]`: the sums of a scan's blocks, written by `sum_blocks`, read by `scan_blocks`.
+    pub const SCAN_SUMS: u32 = 23;
     /// `[f32]`: six for each primitive, its box's lower corner and its upper one; written by `prism_bounds`.
     pub const BOXES: u32 = 24;
     /// `[u32]`: the state of a build, see [`header`](crate::bvh::header).
@@ -460,6 +469,20 @@ pub struct BuildStep {
     pub level_limit: u32,
 }
 
+/// One pass of a [`radix_sort`](crate::bvh::radix_sort), as push constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SortPass {
+    /// How many pairs.
+    pub count: u32,
+    /// Words of a key, 1 or 2.
+    pub limbs: u32,
+    /// Lowest bit of the digit to sort by: a multiple of 4 below 32 `limbs`.
+    pub shift: u32,
+    /// In which half of the buffers the pairs stand, 0 or 1; they go to the other one.
+    pub from: u32,
+}
+
 /// The sum of the samples of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -536,6 +559,7 @@ const _: () = {
     assert!(size_of::<Batch>() == 12);
     assert!(size_of::<PyramidPart>() == 16);
     assert!(size_of::<BuildStep>() == 16);
+    assert!(size_of::<SortPass>() == 16);
     assert!(size_of::<FilmPixel>() == 20);
     assert!(size_of::<Counter>() == 8);
     assert!(size_of::<Ray>() == 32);

@@ -278,7 +278,10 @@ pub fn shared_add<const N: usize>(shared: &mut [u32; N], i: u32, value: u32) {
         shared[i as usize] += value;
     }
     #[cfg(target_arch = "spirv")]
-    #[expect(unsafe_code, reason = "atomics are unsafe in spirv-std; no index may fail in front of a barrier")]
+    #[expect(
+        unsafe_code,
+        reason = "atomics are unsafe in spirv-std; no index may fail in front of a barrier"
+    )]
     // SAFETY: as in `math::at`, and in this phase every access to the word goes through here.
     unsafe {
         let word = spirv_std::arch::IndexUnchecked::index_unchecked_mut(shared, i as usize);

@@ -6,7 +6,7 @@
 mod binned;
 mod boxes;
 mod hlbvh;
-mod sort;
+pub mod sort;
 mod validate;
 
 pub use boxes::HostAabb;

@@ -4,9 +4,11 @@
 //! The module carries no names, so a struct is found by the binding or the entry point that uses it, and compared
 //! number by number: what lies at which offset, a float or an integer.
 
+use emboss_kernels::bvh::scan::GROUP_SIZE;
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Intersection,
-    PointLight, PyramidPart, Ray, SeamSide, Seams, TILE_GROUP_SIZE, Tile, Triangle, Vertex, binding, spec,
+    PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile, Triangle, Vertex,
+    binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -116,6 +118,7 @@ shared! {
     Tile { x, y, width, height, sample }
     Batch { first, count, kernel }
     PyramidPart { displacement, level, first, count }
+    SortPass { count, limbs, shift, from }
     FilmPixel { radiance, alpha, samples }
     Counter { low, high }
     Ray { origin, t_max, direction, padding }
@@ -157,6 +160,11 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::INTERSECTIONS, Intersection::many()),
         (binding::PROBE_IN, u32::many()),
         (binding::PROBE_OUT, u32::many()),
+        (binding::SORT_KEYS, u32::many()),
+        (binding::SORT_VALUES, u32::many()),
+        (binding::SORT_COUNTS, u32::many()),
+        (binding::SCAN_VALUES, u32::many()),
+        (binding::SCAN_SUMS, u32::many()),
     ]
 }
 
@@ -305,7 +313,13 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         assert_eq!(push_constants(&module, entry_point), Some(Batch::one()), "{entry_point}");
     }
     assert_eq!(push_constants(&module, "height_pyramid"), Some(PyramidPart::one()));
-    let sizes = [size_of::<Tile>(), size_of::<Batch>(), size_of::<PyramidPart>()];
+    for entry_point in ["sum_blocks", "scan_serially", "scan_blocks"] {
+        assert_eq!(push_constants(&module, entry_point), Some(u32::one()), "{entry_point}");
+    }
+    for entry_point in ["count_digits", "scatter_pairs"] {
+        assert_eq!(push_constants(&module, entry_point), Some(SortPass::one()), "{entry_point}");
+    }
+    let sizes = [size_of::<Tile>(), size_of::<Batch>(), size_of::<PyramidPart>(), size_of::<SortPass>()];
     assert!(sizes.into_iter().all(|bytes| bytes <= PUSH_CONSTANTS_GUARANTEED));
 }
 
@@ -316,11 +330,17 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         entry_points.iter().map(|(name, entry)| (name.as_str(), entry.workgroup)).collect();
     let tile = [TILE_GROUP_SIZE, TILE_GROUP_SIZE, 1];
     let batch = [BATCH_GROUP_SIZE, 1, 1];
+    let block = [GROUP_SIZE, 1, 1];
     let expected = [
+        ("count_digits", block),
         ("height_pyramid", batch),
         ("probe", batch),
         ("render", tile),
         ("resolve", tile),
+        ("scan_blocks", block),
+        ("scan_serially", block),
+        ("scatter_pairs", block),
+        ("sum_blocks", block),
         ("trace_rays", batch),
     ];
     assert_eq!(workgroups, expected);

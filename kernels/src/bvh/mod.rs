@@ -18,6 +18,7 @@
 pub mod hlbvh;
 pub mod morton;
 pub mod node;
+pub mod radix_sort;
 pub mod refit;
 pub mod scan;
 pub mod top;

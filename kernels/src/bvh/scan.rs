@@ -8,7 +8,7 @@ use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 /// Invocations of a workgroup.
 pub const GROUP_SIZE: u32 = 128;
 /// Consecutive elements of an invocation.
-const ITEMS: u32 = 8;
+pub(super) const ITEMS: u32 = 8;
 /// Elements of a workgroup.
 pub const BLOCK: u32 = GROUP_SIZE * ITEMS;
 
@@ -123,8 +123,9 @@ pub fn scan_shared(group: Workgroup<GROUP_SIZE>, shared: &mut Shared) -> u32 {
     from
 }
 
+/// First element of an invocation.
 #[inline]
-fn first_item(group: Workgroup<GROUP_SIZE>, local: u32) -> u32 {
+pub(super) fn first_item(group: Workgroup<GROUP_SIZE>, local: u32) -> u32 {
     group.id * BLOCK + local * ITEMS
 }
 

@@ -262,7 +262,8 @@ pub fn move_treelet(
             let bin = bin_of(tasks, task, axis, middle, t);
             let right = (bin >= word(tasks, task + TASK_PLANE).get()) as u32;
             let left_items = word(tasks, task + TASK_LEFT).get();
-            let items = if right == 0 { left_items } else { word(tasks, task + TASK_ITEMS).get() - left_items };
+            let items =
+                if right == 0 { left_items } else { word(tasks, task + TASK_ITEMS).get() - left_items };
             if items == 1 {
                 let slot = 1 + 2 * word(tasks, task + TASK_PAIR).get() + right;
                 place(treelets, nodes, parents, t, slot);

@@ -102,7 +102,18 @@ pub fn bvh_treelets(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[Word],
 ) {
     hlbvh::emit_treelet(
-        step, boxes, state, order, levels, treelet_of, arrivals, parents, treelets, nodes, primitives, item(id, groups),
+        step,
+        boxes,
+        state,
+        order,
+        levels,
+        treelet_of,
+        arrivals,
+        parents,
+        treelets,
+        nodes,
+        primitives,
+        item(id, groups),
     );
 }
 

@@ -126,20 +126,25 @@ impl Hlbvh {
         choose_threshold(state, &tasks, &queues, nodes);
         let treelet_of = words(count, 0);
         each(count, |i| flag_treelets(state, &levels, &treelet_of, i));
-        scan::scan_serially(
-            Workgroup::new(0),
-            &mut [0; size_of::<scan::Shared>() / 4],
-            &treelet_of,
-            count,
-        );
+        scan::scan_serially(Workgroup::new(0), &mut [0; size_of::<scan::Shared>() / 4], &treelet_of, count);
         let most_treelets = count.min(MAX_TREELETS);
         let treelets = words(most_treelets * TREELET_WORDS, 0);
         let emit = |level: u32| {
             let step = BuildStep { level, ..step };
             each(count, |i| {
                 emit_treelet(
-                    &step, boxes, state, &order, &levels, &treelet_of, arrivals, parents, &treelets, nodes,
-                    primitives, i,
+                    &step,
+                    boxes,
+                    state,
+                    &order,
+                    &levels,
+                    &treelet_of,
+                    arrivals,
+                    parents,
+                    &treelets,
+                    nodes,
+                    primitives,
+                    i,
                 );
             });
         };
@@ -159,14 +164,20 @@ impl Hlbvh {
             groups(state[(header::CHOOSE_GROUPS + 3 * level) as usize].get(), |id| {
                 let mut shared = [0; size_of::<top::Shared>() / 4];
                 top::choose(
-                    Workgroup::new(id), &mut shared, &step, state, &treelets, &tasks, &queues, &bins, nodes,
+                    Workgroup::new(id),
+                    &mut shared,
+                    &step,
+                    state,
+                    &treelets,
+                    &tasks,
+                    &queues,
+                    &bins,
+                    nodes,
                     parents,
                 );
             });
             each(state[(header::MOVE_GROUPS + 3 * level) as usize].get() * top::GROUP_SIZE, |t| {
-                top::move_treelet(
-                    &step, state, &treelets, &treelet_tasks, &tasks, &bins, nodes, parents, t,
-                );
+                top::move_treelet(&step, state, &treelets, &treelet_tasks, &tasks, &bins, nodes, parents, t);
             });
         }
         BuildTimes { codes, sort, treelets: treelets_ms, top: clock.lap() }
@@ -232,7 +243,13 @@ mod tests {
                 let stats = tree.tree().validate(&boxes).expect("valid");
                 if count < 20_000 || scale == 1.0 {
                     let host = Bvh::binned(&boxes).validate(&boxes).unwrap();
-                    println!("{count} {scale}: {stats:?} {} {:?} host {} {}", tree.cost(), tree.times(), host.sah_cost, host.depth);
+                    println!(
+                        "{count} {scale}: {stats:?} {} {:?} host {} {}",
+                        tree.cost(),
+                        tree.times(),
+                        host.sah_cost,
+                        host.depth
+                    );
                 }
             }
         }

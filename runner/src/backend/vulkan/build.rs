@@ -8,7 +8,7 @@ use super::scan::{self, Scanner};
 use super::sort::{self, SortBuffers, Sorter};
 use super::transfers::Transfers;
 use crate::backend::BackendError;
-use crate::bvh::{BuildTimes, key_bits};
+use crate::bvh::{BuildTimes, Bvh, key_bits};
 use bytemuck::bytes_of;
 use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS};
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
@@ -107,6 +107,23 @@ impl Tree {
         }
     }
 
+    /// How many primitives there are.
+    pub(super) fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The tree, copied to the host.
+    pub(super) fn read(&self, commands: &Commands, transfers: &Transfers) -> Result<Bvh, BackendError> {
+        if self.count == 0 {
+            return Ok(Bvh::default());
+        }
+        let sound = self.sound(commands, transfers)?;
+        Ok(Bvh {
+            nodes: transfers.read(commands, &self.nodes, refit::node_count(sound) as usize)?,
+            primitives: transfers.read(commands, &self.primitives, sound as usize)?,
+        })
+    }
+
     /// How many primitives are in the tree: the others have no sound box.
     pub(super) fn sound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
         let state: Vec<u32> = transfers.read(commands, &self.state, header::WORDS as usize)?;
@@ -193,12 +210,14 @@ impl Builder {
         let scratch = Scratch::new(device, count)?;
         self.bind(tree, &scratch);
         let bits = key_bits(count);
-        let step =
-            BuildStep { count, limbs: limbs(bits), level: 0, level_limit: top::level_limit(count) };
+        let step = BuildStep { count, limbs: limbs(bits), level: 0, level_limit: top::level_limit(count) };
         let marks = commands.run_marked("building the BVH", |recorder| {
             self.record(recorder, tree, &scratch, &step, bits);
         })?;
-        Ok(BuildTimes::from_marks(&marks))
+        let &[codes, sort, treelets, top] = &marks[..] else {
+            unreachable!("a build has three marks");
+        };
+        Ok(BuildTimes { codes, sort, treelets, top })
     }
 
     fn bind(&self, tree: &Tree, scratch: &Scratch) {
@@ -245,13 +264,15 @@ impl Builder {
         self.sorter.record(recorder, count, bits);
         recorder.mark();
         dispatch(&self.levels, step, count.div_ceil(morton::BLOCK));
-        dispatch(&self.threshold, step, 1);
+        recorder.dispatch(&self.threshold, &[], [1, 1]);
+        recorder.barrier();
         dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
         self.scanner.record(recorder, count);
         dispatch(&self.treelets, step, count.div_ceil(BATCH_GROUP_SIZE));
         indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
         recorder.mark();
-        dispatch(&self.start, step, count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE));
+        recorder.dispatch(&self.start, &[], [count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE), 1]);
+        recorder.barrier();
         for level in 0..step.level_limit {
             let step = BuildStep { level, ..*step };
             indirect(&self.choose, &step, header::CHOOSE_GROUPS + 3 * level);

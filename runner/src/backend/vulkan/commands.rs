@@ -187,7 +187,8 @@ impl Stopwatch {
         if limits.timestamp_bits == 0 || limits.timestamp_period_ns <= 0.0 {
             return Ok(None);
         }
-        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MOST_STAMPS);
+        let info =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MOST_STAMPS);
         // SAFETY: the device lives.
         let made = unsafe { device.raw().create_query_pool(&info, None) };
         Ok(Some(Stopwatch {

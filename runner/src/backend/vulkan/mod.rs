@@ -4,7 +4,7 @@
 //! up: `instance` and `validation`, `physical` (which device), `device` (the open device and handles that
 //! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
 //! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
-//! `resident` is a scene with its film.
+//! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others.
 //!
 //! Everything runs on one queue, one submission at a time, and each is waited for. Hence between two submissions
 //! buffers can be dropped and descriptors written, and a program that ends leaves nothing running.
@@ -15,6 +15,7 @@
 #![warn(clippy::multiple_unsafe_ops_per_block)]
 
 mod buffer;
+mod build;
 mod commands;
 mod device;
 mod instance;
@@ -23,6 +24,8 @@ mod physical;
 mod pipeline;
 mod programs;
 mod resident;
+mod scan;
+mod sort;
 mod tiles;
 mod transfers;
 mod validation;
@@ -30,10 +33,14 @@ mod validation;
 pub use validation::ValidationLog;
 
 use crate::backend::{Backend, BackendError, DeviceInfo, SceneBuffers, Totals};
+use crate::bvh::{BuildTimes, Bvh};
 use buffer::{Buffer, Label};
+use build::{Builder, Tree};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
+use emboss_kernels::aabb::Aabb;
+use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
 use emboss_kernels::interface::{Counter, FilmPixel, Frame, Intersection, Ray, binding, counter};
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
 use emboss_kernels::scene::Features;
@@ -42,6 +49,7 @@ use instance::Instance;
 use pipeline::Kernel;
 use programs::Programs;
 use resident::Resident;
+use sort::{SortBuffers, Sorter};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use transfers::Transfers;
@@ -76,6 +84,8 @@ pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
 pub struct VulkanBackend {
     resident: Resident,
     programs: Programs,
+    /// Made when it is first needed.
+    sorter: Option<Sorter>,
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
@@ -99,7 +109,7 @@ impl VulkanBackend {
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
         let programs = Programs::default();
-        Ok(VulkanBackend { resident, programs, transfers, commands, device, samples_ms: 0.0 })
+        Ok(VulkanBackend { resident, programs, sorter: None, transfers, commands, device, samples_ms: 0.0 })
     }
 
     /// What the validation layers have said so far; empty where validation is off.
@@ -132,6 +142,67 @@ impl VulkanBackend {
     /// Where the scene has fewer.
     pub fn height_ranges(&mut self, words: usize) -> Result<Vec<u32>, BackendError> {
         self.transfers.read(&self.commands, self.resident.buffer(binding::HEIGHT_RANGES), words)
+    }
+
+    /// Sorts pairs of a key and a value by keys of `bits` bits, stably. A key has one word, or two where `bits` is above
+    /// 32: then the lower words of all keys come first, then the upper ones; so also in what is returned. A part of the
+    /// BVH's build, by itself for tests.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where `bits` is not 1 to 64, keys and values are not equally many, or there are more than 65,535 blocks of 1024.
+    pub fn sort_pairs(
+        &mut self,
+        keys: &[u32],
+        values: &[u32],
+        bits: u32,
+    ) -> Result<(Vec<u32>, Vec<u32>), BackendError> {
+        assert!((1..=64).contains(&bits) && keys.len() == values.len() * limbs(bits) as usize);
+        let count = length(values);
+        let key_words = self.buffer("the sort's keys", 2 * size_of_val(keys), cast_slice(keys))?;
+        let value_words = self.buffer("the sort's values", 2 * size_of_val(values), cast_slice(values))?;
+        let counts = self.buffer("the sort's counts", words(count_words(count)), &[])?;
+        let sums = self.buffer("the sort's sums", words(sort::sum_words(count)), &[])?;
+        let sorter = made(&mut self.sorter, &self.device)?;
+        sorter.bind(SortBuffers { keys: &key_words, values: &value_words, counts: &counts, sums: &sums });
+        self.commands.run("sorting", |recorder| sorter.record(recorder, count, bits))?;
+        let half = result_half(bits) as usize;
+        let mut both_keys = self.transfers.read(&self.commands, &key_words, 2 * keys.len())?;
+        let mut both_values = self.transfers.read(&self.commands, &value_words, 2 * values.len())?;
+        let keys = both_keys.drain(half * keys.len()..).take(keys.len()).collect();
+        let values = both_values.drain(half * values.len()..).take(values.len()).collect();
+        Ok((keys, values))
+    }
+
+    /// The exclusive prefix sums of `values`, modulo 2^32. A part of the BVH's build, by itself for tests.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where there are more than 65,535 blocks of 1024.
+    pub fn scan(&mut self, values: &[u32]) -> Result<Vec<u32>, BackendError> {
+        let count = length(values);
+        let scanned = self.buffer("the scan's values", size_of_val(values), cast_slice(values))?;
+        let sums = self.buffer("the scan's sums", words(scan::sum_words(count)), &[])?;
+        let scanner = made(&mut self.sorter, &self.device)?.scanner();
+        scanner.bind(&scanned, &sums);
+        self.commands.run("scanning", |recorder| scanner.record(recorder, count))?;
+        self.transfers.read(&self.commands, &scanned, values.len())
+    }
+
+    /// Takes boxes to build a BVH over: by itself, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
+    pub fn bvh_over(&mut self, boxes: &[Aabb]) -> Result<DeviceBvh<'_>, BackendError> {
+        let builder = Builder::new(&self.device)?;
+        let tree = Tree::new(&self.device, length(boxes))?;
+        let mut bvh = DeviceBvh { backend: self, builder, tree };
+        bvh.put_boxes(boxes)?;
+        Ok(bvh)
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
@@ -231,11 +302,71 @@ impl Backend for VulkanBackend {
         let words = count as usize * OUT_STRIDE as usize;
         let arguments = self.buffer("the probe's input", size_of_val(input), cast_slice(input))?;
         let results = self.buffer("the probe's output", words * size_of::<u32>(), &[])?;
-        self.commands.run("clearing", |recorder| recorder.clear(&results))?;
+        self.commands.run("clearing", |recorder| recorder.fill(&results, 0))?;
         let program = self.programs.get(&self.device, Kernel::Probe)?;
         program.pipeline().bind(|at| if at == binding::PROBE_IN { &arguments } else { &results });
         program.run_batches(&self.commands, count, kernel)?;
         self.transfers.read(&self.commands, &results, words)
+    }
+}
+
+/// The sorter, made now if this is the first time that it is needed.
+fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a Sorter, BackendError> {
+    Ok(match sorter {
+        Some(sorter) => sorter,
+        None => sorter.insert(Sorter::new(device)?),
+    })
+}
+
+/// A BVH on the device, by itself: see [`VulkanBackend::bvh_over`].
+pub struct DeviceBvh<'a> {
+    backend: &'a mut VulkanBackend,
+    builder: Builder,
+    tree: Tree,
+}
+
+impl DeviceBvh<'_> {
+    /// Builds it over its boxes. Returns what the phases took on the device.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
+    pub fn build(&mut self) -> Result<BuildTimes, BackendError> {
+        self.builder.build(&self.backend.device, &self.backend.commands, &self.tree)
+    }
+
+    /// Gives the nodes the boxes that the primitives have now. Returns what it took on the device, in milliseconds.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    ///
+    /// # Panics
+    /// If there are not as many boxes as before.
+    pub fn refit(&mut self, boxes: &[Aabb]) -> Result<f64, BackendError> {
+        assert_eq!(boxes.len(), self.tree.count() as usize, "a refit keeps the primitives");
+        self.put_boxes(boxes)?;
+        self.builder.refit(&self.backend.commands, &self.tree)
+    }
+
+    /// Its SAH cost, as [`BvhStats::sah_cost`](crate::bvh::BvhStats::sah_cost) but in single precision.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn cost(&mut self) -> Result<f64, BackendError> {
+        self.builder.cost(&self.backend.commands, &self.backend.transfers, &self.tree)
+    }
+
+    /// The tree, copied to the host.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn read(&mut self) -> Result<Bvh, BackendError> {
+        self.tree.read(&self.backend.commands, &self.backend.transfers)
+    }
+
+    fn put_boxes(&mut self, boxes: &[Aabb]) -> Result<(), BackendError> {
+        let floats: Vec<_> = boxes.iter().flat_map(|bounds| [bounds.min, bounds.max]).collect();
+        let VulkanBackend { transfers, commands, .. } = &mut *self.backend;
+        transfers.write(commands, &self.tree.boxes, cast_slice(&floats))
     }
 }
 
@@ -248,7 +379,12 @@ fn empty(
     Resident::new(device, commands, transfers, &SceneBuffers::default(), &Frame::default())
 }
 
-/// Length of at most [`RAYS_AT_A_TIME`] rays.
-fn length(rays: &[Ray]) -> u32 {
-    u32::try_from(rays.len()).unwrap_or(u32::MAX)
+/// Length of a slice that is known to be short, or is refused where it is not.
+fn length<T>(slice: &[T]) -> u32 {
+    u32::try_from(slice.len()).unwrap_or(u32::MAX)
+}
+
+/// Size of `count` words in bytes.
+fn words(count: u32) -> usize {
+    count as usize * size_of::<u32>()
 }

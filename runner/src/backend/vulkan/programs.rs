@@ -84,7 +84,7 @@ fn features_of(kernel: Kernel, features: Features) -> Features {
             height_wrap: features.height_wrap,
             ..Features::default()
         },
-        Kernel::Resolve | Kernel::Probe => Features::default(),
+        _ => Features::default(),
     }
 }
 
