@@ -168,7 +168,7 @@ pub fn word(buffer: &[Word], i: u32) -> &Word {
 
 /// The invocations of a workgroup, `SIZE` of them.
 ///
-/// A kernel with barriers is a sequence of [phases](phase). What one invocation needs from its own earlier phase
+/// A kernel with barriers is a sequence of phases (`phase!`). What one invocation needs from its own earlier phase
 /// it keeps in shared memory or computes again: registers do not outlive a phase.
 #[derive(Clone, Copy, Debug)]
 pub struct Workgroup<const SIZE: u32> {

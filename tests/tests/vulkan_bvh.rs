@@ -51,7 +51,12 @@ fn speed() {
             }
         }
         let rate = f64::from(count) / best.total() / 1e3;
-        println!("{count}: {:.3} ms {rate:.0} M/s {best:?} cost {:.2} refit {:?}", best.total(), bvh.cost().unwrap(), bvh.refit(&boxes));
+        println!(
+            "{count}: {:.3} ms {rate:.0} M/s {best:?} cost {:.2} refit {:?}",
+            best.total(),
+            bvh.cost().unwrap(),
+            bvh.refit(&boxes)
+        );
         if count <= 100_000 {
             let tree = bvh.read().expect("read");
             assert_eq!(tree.validate(&boxes).err(), None);

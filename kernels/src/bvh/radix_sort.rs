@@ -1,8 +1,8 @@
 //! Stable sort of pairs of a key and a value by key: least significant digit first, four bits a pass.
 //!
 //! A pass is that of Satish, Harris and Garland ("Designing Efficient Sorting Algorithms for Manycore GPUs", 2009):
-//! [`count_digits`] counts each block's digits, a [scan](super::scan) of the counts, digit by digit and within a digit
-//! block by block, says where each block's pairs of each digit go, and [`scatter_pairs`] takes them there. It sorts a
+//! [`count_digits`] counts each block's digits, a [`scan`] of the counts, digit by digit and within a digit block by
+//! block, says where each block's pairs of each digit go, and [`scatter_pairs`] takes them there. It sorts a
 //! block in shared memory first, so that neighbours in a workgroup write neighbours in memory.
 //!
 //! Keys and values stand in two halves of their buffers, between which the passes go back and forth. A key of more than
@@ -24,7 +24,7 @@ const MOST_LIMBS: u32 = 2;
 /// that no count and no sum of counts of a block leaves its 16 bits.
 const ROWS: u32 = DIGITS / 2;
 
-/// Shared memory of a workgroup: [`ROWS`] rows of one word for each invocation.
+/// Shared memory of a workgroup: eight rows of one word for each invocation, two counters in each word.
 pub type Counters = [u32; (ROWS * GROUP_SIZE) as usize];
 /// Shared memory of a workgroup: the limbs of a block's keys, then its values.
 pub type Staged = [u32; ((MOST_LIMBS + 1) * BLOCK) as usize];

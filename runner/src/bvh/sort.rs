@@ -36,7 +36,7 @@ pub fn sort_pairs(keys: &[Word], values: &[Word], count: u32, bits: u32) {
         groups().for_each_init(Scratch::new, |scratch, id| {
             count_digits(Workgroup::new(id), &mut scratch.counters, &pass, keys, &counts);
         });
-        // One thread's work, and a hundredth of what the other two dispatches have.
+        // One thread's work: there is one count for 64 pairs.
         scan_serially(Workgroup::new(0), &mut Scratch::new().sums, &counts, count_words(count));
         groups().for_each_init(Scratch::new, |scratch, id| {
             let Scratch { counters, sums, staged } = scratch;

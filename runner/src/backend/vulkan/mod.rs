@@ -87,6 +87,7 @@ pub struct VulkanBackend {
     programs: Programs,
     /// Made when it is first needed.
     sorter: Option<Sorter>,
+    builder: Option<Rc<Builder>>,
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
@@ -110,7 +111,16 @@ impl VulkanBackend {
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
         let programs = Programs::default();
-        Ok(VulkanBackend { resident, programs, sorter: None, transfers, commands, device, samples_ms: 0.0 })
+        Ok(VulkanBackend {
+            resident,
+            programs,
+            sorter: None,
+            builder: None,
+            transfers,
+            commands,
+            device,
+            samples_ms: 0.0,
+        })
     }
 
     /// What the validation layers have said so far; empty where validation is off.

@@ -16,9 +16,9 @@ const MOST_BLOCKS: u32 = 65_535;
 /// Most words that a scan takes, and most pairs that a sort takes.
 pub(super) const MOST_ITEMS: u32 = MOST_BLOCKS * BLOCK;
 
-/// Up to so many blocks are scanned by one workgroup in one dispatch instead of three. A block takes that workgroup
-/// about as long as a dispatch takes to begin behind a barrier, some microseconds each, so that the ways cross where
-/// blocks are as few as dispatches; by how few matters little.
+/// Up to so many blocks are scanned by one workgroup in one dispatch instead of three. Estimated, not measured: a block
+/// takes that workgroup nine barriers and a trip to memory, about as long as a dispatch takes to begin behind a
+/// barrier, so that the ways cross at a few blocks. A wrong number costs some microseconds a scan.
 const MOST_SERIAL_BLOCKS: u32 = 4;
 
 /// The pipelines of a scan, bound to a buffer of values and one of sums.
