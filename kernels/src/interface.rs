@@ -81,8 +81,12 @@ pub mod binding {
     pub const TASK_QUEUES: u32 = 33;
     /// `[f32]`: partial sums of the SAH cost.
     pub const COSTS: u32 = 34;
+    /// `[u32]`: small tasks, see [`small`](crate::bvh::small).
+    pub const SMALL_TASKS: u32 = 35;
+    /// `[u32]`: the treelets of small tasks.
+    pub const TREELET_LISTS: u32 = 36;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 35;
+    pub const COUNT: u32 = 37;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from

@@ -1,14 +1,13 @@
 //! Treelets: the subtrees of primitives that share the leading bits of their codes, built from the bottom up in one
 //! pass (Apetrei, "Fast and Simple Agglomerative LBVH Construction", CGVC 2014).
 //!
-//! How many leading bits is chosen from the data: as many as leave at most [`MAX_TREELETS`] treelets. So small scenes
-//! have one for each primitive, and the SAH decides everything; in large ones the treelets are evenly many wherever the
-//! primitives are.
+//! How many leading bits is chosen from the data: as many as leave at most [`MAX_TREELETS`] treelets. In scenes of no more
+//! primitives each is a treelet, the SAH decides everything, and nothing is sorted.
 
 use crate::bvh::header;
 use crate::bvh::morton::{LEVELS, position_level};
-use crate::bvh::node::{load_bounds, load_box, node_word, put_node, union};
-use crate::bvh::top;
+use crate::bvh::node::{is_sound, load_bounds, load_box, node_word, put_node, union};
+use crate::bvh::top::{self, TopBuffers};
 use crate::interface::{BATCH_GROUP_SIZE, BuildStep, BvhNode, MOST_ROW_GROUPS};
 use crate::parallel::{Word, word};
 
@@ -24,7 +23,7 @@ pub const SIZE: u32 = 9;
 const DEEP: u32 = 10;
 /// Treelets deeper than this are built again by halving, which makes them at most 27 deep: with the top's levels that
 /// keeps [`MAX_BVH_DEPTH`](crate::interface::MAX_BVH_DEPTH).
-pub const MAX_TREELET_DEPTH: u32 = 40;
+pub const MAX_TREELET_DEPTH: u32 = 30;
 /// [`split_level`](crate::bvh::morton::split_level) of a border of a treelet.
 const BORDER: u32 = u32::MAX;
 /// An arrival of no one.
@@ -34,27 +33,49 @@ const POSITION_BITS: u32 = 26;
 /// Greater heights count as this: it is above [`MAX_TREELET_DEPTH`], and no arrival is [`NO_ARRIVAL`].
 const MOST_HEIGHT: u32 = 62;
 
+/// Whether each primitive is a treelet, so that their order on the curve does not matter.
+#[inline]
+pub fn has_single_treelets(count: u32) -> bool {
+    count <= MAX_TREELETS
+}
+
+/// Makes primitive `i` a treelet of its own, of size 0 where it is not sound.
+#[inline]
+pub fn emit_single(boxes: &[f32], treelets: &[Word], primitives: &[Word], i: u32) {
+    let bounds = load_box(boxes, i);
+    let treelet = i * TREELET_WORDS;
+    word(primitives, i).set(i);
+    word(treelets, treelet + START).set(i);
+    word(treelets, treelet + SIZE).set(is_sound(bounds) as u32);
+    put_node(treelets, treelet, BvhNode { min: bounds.min, first: i, max: bounds.max, count: 1 });
+}
+
 /// Chooses the level from which on splits are between treelets, and sets up the top's first task. One invocation.
 #[inline]
-pub fn choose_threshold(state: &[Word], tasks: &[Word], queues: &[Word], nodes: &[Word]) {
+pub fn choose_threshold(step: &BuildStep, buffers: &TopBuffers<'_>) {
+    let state = buffers.state;
     let sound = word(state, header::SOUND).get();
     let mut treelets = sound.min(1);
-    let mut level = LEVELS;
-    let mut going = sound > 0;
-    while going {
-        let more = word(state, header::LEVEL_COUNTS + level - 1).get();
-        going = treelets + more <= MAX_TREELETS;
-        if going {
-            treelets += more;
-            level -= 1;
-            going = level > 0;
+    if has_single_treelets(step.count) {
+        treelets = step.count;
+    } else {
+        let mut level = LEVELS;
+        let mut going = sound > 0;
+        while going {
+            let more = word(state, header::LEVEL_COUNTS + level - 1).get();
+            going = treelets + more <= MAX_TREELETS;
+            if going {
+                treelets += more;
+                level -= 1;
+                going = level > 0;
+            }
         }
+        word(state, header::THRESHOLD).set(level);
     }
-    word(state, header::THRESHOLD).set(level);
-    word(state, header::TREELETS).set(treelets);
     let mut i = 1;
     while i < 3 {
         word(state, header::DEEP_GROUPS + i).set(1);
+        word(state, header::SMALL_GROUPS + i).set(1);
         let mut level = 0;
         while level < top::MOST_LEVELS {
             word(state, header::CHOOSE_GROUPS + 3 * level + i).set(1);
@@ -63,7 +84,8 @@ pub fn choose_threshold(state: &[Word], tasks: &[Word], queues: &[Word], nodes: 
         }
         i += 1;
     }
-    top::put_first_task(state, tasks, queues, nodes, treelets);
+    let items = if has_single_treelets(step.count) { sound } else { treelets };
+    top::put_first_task(buffers, step, treelets, items);
 }
 
 /// Writes 1 to `flags[i]` where a treelet ends behind sorted position `i`, else 0: scanned, the number of `i`'s treelet.

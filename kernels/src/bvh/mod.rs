@@ -5,7 +5,8 @@
 //!
 //! 1. [`morton`]: the box of all centres, codes; [`radix_sort`] sorts them; where the sorted order splits.
 //! 2. [`hlbvh`]: subtrees of neighbours on the curve, *treelets*, from the bottom up.
-//! 3. [`top`]: the tree over the treelets by the surface area heuristic (SAH), level by level from work queues.
+//! 3. [`top`]: the tree over the treelets by the surface area heuristic (SAH), level by level from work queues, and
+//!    [`small`] where they are few.
 //! 4. [`refit`]: boxes again, when primitives have moved.
 //!
 //! # Layout
@@ -21,6 +22,7 @@ pub mod node;
 pub mod radix_sort;
 pub mod refit;
 pub mod scan;
+pub mod small;
 pub mod top;
 pub mod traverse;
 
@@ -38,12 +40,16 @@ pub mod header {
     pub const DEEP_GROUPS: u32 = 9;
     /// How many leaves a refit found unbounded.
     pub const UNSOUND: u32 = 12;
+    /// How many treelets the tree is over: those that are sound.
+    pub const ITEMS: u32 = 13;
     /// [`LEVELS`](super::morton::LEVELS) words: how many splits there are of each level.
     pub const LEVEL_COUNTS: u32 = 16;
-    /// Three words for each level of the top: workgroups of `bvh_choose`, one for each task.
-    pub const CHOOSE_GROUPS: u32 = LEVEL_COUNTS + super::morton::LEVELS;
+    /// Three words: workgroups of `bvh_small`, one for each small task.
+    pub const SMALL_GROUPS: u32 = LEVEL_COUNTS + super::morton::LEVELS;
+    /// Three words for each level of the top: workgroups of `bvh_choose`, one for each task. One level more than there are is named, never run.
+    pub const CHOOSE_GROUPS: u32 = SMALL_GROUPS + 3;
     /// Three words for each level of the top: workgroups of `bvh_move`.
-    pub const MOVE_GROUPS: u32 = CHOOSE_GROUPS + 3 * super::top::MOST_LEVELS;
+    pub const MOVE_GROUPS: u32 = CHOOSE_GROUPS + 3 * (super::top::MOST_LEVELS + 1);
     /// How many words.
     pub const WORDS: u32 = MOVE_GROUPS + 3 * super::top::MOST_LEVELS;
 }

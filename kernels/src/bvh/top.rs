@@ -3,40 +3,41 @@
 //!
 //! A *task* is a node that is to be split. A level is two dispatches: [`choose`], a workgroup for each task in the level's
 //! queue, and [`move_treelet`], an invocation for each treelet, which takes it to its side of its task's plane and adds
-//! it to the bins of the task it finds there.
+//! it to the bins of the task it finds there. Tasks of few treelets leave the levels for [`small`](super::small).
 //!
 //! A task over c treelets owns c consecutive numbers, its left child the first of them; so the split of its children has a
-//! number of its own, and so has each task that lives at a level: half its first number. Bins hold integers only:
-//! maxima and sums that come out alike in any order. Areas are fixed-point shares of the task's own box. Hence the same
-//! treelets give the same tree everywhere.
+//! number of its own, and so has each task: see [`task_number`]. Bins hold integers only: maxima and sums that come out
+//! alike in any order. Areas are fixed-point shares of the task's own box. Hence the same treelets give the same tree
+//! everywhere.
 
 use crate::aabb::Aabb;
 use crate::bvh::header;
 use crate::bvh::hlbvh::{MAX_TREELETS, SIZE, START, TREELET_WORDS, pair};
 use crate::bvh::node::{Extent, center, half_size, load_node, node_word, normalized, put_node};
+use crate::bvh::small::{self, MOST_SMALL};
 use crate::interface::{BuildStep, BvhNode};
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
 
-/// Invocations of a workgroup of [`choose`]: one for each bin. Also of [`move_treelet`].
-pub const GROUP_SIZE: u32 = AXES * BINS;
-/// Most levels of the top.
-pub const MOST_LEVELS: u32 = 24;
+/// Invocations of a workgroup of [`choose`], enough for the bins and for the words of two children. Also of
+/// [`move_treelet`].
+pub const GROUP_SIZE: u32 = 64;
+/// Most levels of tasks.
+pub const MOST_LEVELS: u32 = 22;
 /// The levels that the top may have beyond those of a balanced one: room for uneven splits where they pay.
-const UNEVEN_LEVELS: u32 = 8;
+const UNEVEN_LEVELS: u32 = 12;
 
-/// Along x, y and z, and along the order of the curve: there no two treelets are at the same place, so that some
-/// plane always parts them.
-const AXES: u32 = 4;
-/// The last of these.
-const CURVE: u32 = 3;
 /// From 8 to 32 bins the SAH cost of our scenes differs by less than 2 %.
 const BINS: u32 = 16;
+/// Along x, y and z [`BINS`] each, then two along the order of the curve: there no two treelets are at the same place, so
+/// that the plane between the halves always parts some.
+const TASK_BINS: u32 = CURVE * BINS + 2;
+/// The axis along the curve's order, behind x, y and z.
+const CURVE: u32 = 3;
 
-/// Words of a bin: the extent of its treelets' boxes, that of their centres ...
-const CENTERS: u32 = Extent::WORDS;
-/// ... the complement of the least number of a treelet, one more than the greatest ...
-const NUMBERS: u32 = 2 * Extent::WORDS;
+/// Words of a bin: the extent of its treelets, the complement of the least number of a treelet, one more than the
+/// greatest ...
+const NUMBERS: u32 = Extent::WORDS;
 /// ... how many treelets ...
 const ITEMS: u32 = NUMBERS + 2;
 /// ... and how many primitives. To unite bins, take maxima of the words in front of [`ITEMS`], sums of the others.
@@ -44,15 +45,15 @@ const WEIGHT: u32 = ITEMS + 1;
 /// How many words.
 const BIN_WORDS: u32 = WEIGHT + 1;
 /// Words of a task's bins.
-pub const TASK_BIN_WORDS: u32 = GROUP_SIZE * BIN_WORDS;
+pub const TASK_BIN_WORDS: u32 = TASK_BINS * BIN_WORDS;
 
 /// Words of a task: the first of its numbers, how many treelets it is over, its slot in the tree ...
 const TASK_FIRST: u32 = 0;
 const TASK_ITEMS: u32 = 1;
 const TASK_SLOT: u32 = 2;
-/// ... as in a bin, the extent of centres, then least and greatest numbers ...
-const TASK_CENTERS: u32 = 3;
-const TASK_NUMBERS: u32 = TASK_CENTERS + Extent::WORDS;
+/// ... as in a bin, what its bins cover, then least and greatest numbers ...
+const TASK_EXTENT: u32 = 3;
+const TASK_NUMBERS: u32 = TASK_EXTENT + Extent::WORDS;
 /// ... and, once chosen, the axis of its plane, the first bin behind it, the treelets in front of it, and the number of
 /// its pair of children.
 const TASK_AXIS: u32 = TASK_NUMBERS + 2;
@@ -62,7 +63,7 @@ const TASK_PAIR: u32 = TASK_AXIS + 3;
 /// How many words, in two sets: those of a level are read while those of the next are written.
 pub const TASK_WORDS: u32 = TASK_PAIR + 1;
 
-/// The task of a treelet that stands in the tree.
+/// The task of a treelet that stands in the tree, or waits for [`small`](super::small).
 const DONE: u32 = u32::MAX;
 
 /// Shared memory of [`choose`]: the bins, then for each plane its cost (upper word, lower word), the treelets on its fuller
@@ -71,105 +72,97 @@ pub type Shared = [u32; (TASK_BIN_WORDS + PLANE_WORDS * GROUP_SIZE + 2 * BIN_WOR
 const PLANES: u32 = TASK_BIN_WORDS;
 const PLANE_WORDS: u32 = 4;
 const CHILDREN: u32 = PLANES + PLANE_WORDS * GROUP_SIZE;
+/// The number of the plane along the curve; those along the axes have that of the bin behind.
+const CURVE_PLANE: u32 = CURVE * BINS + 1;
 
 /// How many tasks can live at a level of a tree over `count` primitives.
 #[inline]
 pub fn most_tasks(count: u32) -> u32 {
-    (count.min(MAX_TREELETS) / 2).max(1)
+    count.min(MAX_TREELETS) / MOST_SMALL + 1
 }
 
-/// How many levels the top of a tree over `count` primitives may have: see [`BuildStep::level_limit`].
-pub fn level_limit(count: u32) -> u32 {
-    rounded_up_log2(count.clamp(1, MAX_TREELETS)) + UNEVEN_LEVELS
-}
-
-/// Sets up the task over all treelets, or the root of a tree without any.
+/// What no other task at its level has, nor any number above: each owns more than [`MOST_SMALL`] numbers from `first` on.
 #[inline]
-pub fn put_first_task(state: &[Word], tasks: &[Word], queues: &[Word], nodes: &[Word], treelets: u32) {
-    if treelets == 0 {
+fn task_number(first: u32) -> u32 {
+    first / MOST_SMALL
+}
+
+/// How many levels of tasks the top of a tree over `count` primitives may have: see [`BuildStep::level_limit`].
+pub fn level_limit(count: u32) -> u32 {
+    rounded_up_log2(most_tasks(count)) + UNEVEN_LEVELS
+}
+
+/// Sets up the task over `items` treelets of `treelets`, or the root of a tree without any.
+#[inline]
+pub fn put_first_task(buffers: &TopBuffers<'_>, step: &BuildStep, treelets: u32, items: u32) {
+    word(buffers.state, header::TREELETS).set(treelets);
+    word(buffers.state, header::ITEMS).set(items);
+    if items == 0 {
         // No ray enters it.
-        put_node(nodes, 0, BvhNode { min: Vec3::INFINITY, first: 0, max: Vec3::NEG_INFINITY, count: 0 });
-    }
-    if treelets > 1 {
+        let root = BvhNode { min: Vec3::INFINITY, first: 0, max: Vec3::NEG_INFINITY, count: 0 };
+        put_node(buffers.nodes, 0, root);
+    } else if items > MOST_SMALL {
+        let tasks = buffers.tasks;
         word(tasks, TASK_FIRST).set(0);
-        word(tasks, TASK_ITEMS).set(treelets);
+        word(tasks, TASK_ITEMS).set(items);
         word(tasks, TASK_SLOT).set(0);
         // The middle of a box around boxes lies between their middles, also when rounded.
         let mut i = 0;
         while i < Extent::WORDS {
-            word(tasks, TASK_CENTERS + i).set(word(state, header::CENTERS + i).get());
+            word(tasks, TASK_EXTENT + i).set(word(buffers.state, header::CENTERS + i).get());
             i += 1;
         }
         word(tasks, TASK_NUMBERS).set(!0);
         word(tasks, TASK_NUMBERS + 1).set(treelets);
-        word(queues, 0).set(0);
-        word(state, header::CHOOSE_GROUPS).set(1);
+        word(buffers.queues, 0).set(0);
+        word(buffers.state, header::CHOOSE_GROUPS).set(1);
+    } else if items > 1 {
+        small::put_task(buffers, step, 0, items, 0);
     }
 }
 
-/// Adds treelet number `t` to the bins of the first task; a single treelet is the tree.
+/// Adds treelet number `t` to the first task; a single treelet is the tree.
 #[inline]
-#[expect(clippy::too_many_arguments, reason = "the buffers of a build")]
-pub fn start_treelet(
-    state: &[Word],
-    treelets: &[Word],
-    treelet_tasks: &[Word],
-    tasks: &[Word],
-    bins: &[Word],
-    nodes: &[Word],
-    parents: &[Word],
-    t: u32,
-) {
-    let count = word(state, header::TREELETS).get();
-    if t < count {
-        if count == 1 {
-            place(treelets, nodes, parents, t, 0);
-        } else {
-            word(treelet_tasks, t).set(0);
-            add_to_bins(treelets, tasks, bins, 0, 0, t);
+pub fn start_treelet(buffers: &TopBuffers<'_>, t: u32) {
+    if t < word(buffers.state, header::TREELETS).get() {
+        let items = word(buffers.state, header::ITEMS).get();
+        let mut task = DONE;
+        if word(buffers.treelets, t * TREELET_WORDS + SIZE).get() > 0 {
+            if items > MOST_SMALL {
+                task = 0;
+                add_to_bins(buffers, 0, 0, t);
+            } else if items > 1 {
+                small::add_treelet(buffers, 0, t);
+            } else {
+                place(buffers, t, 0);
+            }
         }
+        word(buffers.treelet_tasks, t).set(task);
     }
 }
 
 /// Splits task number `group.id` of a level's queue: writes its node, its plane, and its children where they are tasks.
 /// Leaves its bins empty.
 #[inline]
-#[expect(clippy::too_many_arguments, reason = "the buffers of a build")]
-pub fn choose(
-    group: Workgroup<GROUP_SIZE>,
-    shared: &mut Shared,
-    step: &BuildStep,
-    state: &[Word],
-    treelets: &[Word],
-    tasks: &[Word],
-    queues: &[Word],
-    bins: &[Word],
-    nodes: &[Word],
-    parents: &[Word],
-) {
+pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildStep, buffers: &TopBuffers<'_>) {
+    let tasks = buffers.tasks;
     let set = step.level % 2 * most_tasks(step.count);
     let next_set = most_tasks(step.count) - set;
-    let number = word(queues, set + group.id).get();
+    let number = word(buffers.queues, set + group.id).get();
     let task = (set + number) * TASK_WORDS;
     phase!(group, |local| {
         let mut i = local;
         while i < TASK_BIN_WORDS {
-            let bin_word = word(bins, number * TASK_BIN_WORDS + i);
+            let bin_word = word(buffers.bins, number * TASK_BIN_WORDS + i);
             shared_put(shared, i, bin_word.get());
             bin_word.set(0);
             i += GROUP_SIZE;
         }
     });
-    // Two treelets, half of all tasks, are parted by any plane.
-    let two = word(tasks, task + TASK_ITEMS).get() == 2;
     phase!(group, |local| {
-        if two && local == 0 {
-            shared_put(shared, PLANES + 3, CURVE * BINS + BINS / 2);
-        } else if !two {
-            evaluate_plane(shared, local, must_halve(step, tasks, task));
-        }
+        evaluate_plane(shared, local, must_halve(step, tasks, task));
     });
-    let mut distance = if two { 0 } else { GROUP_SIZE / 2 };
+    let mut distance = GROUP_SIZE / 2;
     while distance > 0 {
         phase!(group, |local| {
             if local < distance {
@@ -187,147 +180,151 @@ pub fn choose(
         if local < 2 {
             let first = word(tasks, task + TASK_FIRST).get();
             let left_items = shared_at(shared, CHILDREN + ITEMS);
-            // Any treelet but the last has a split behind it: that of this number lends its pair.
-            let lender = (first + left_items - 1) * TREELET_WORDS;
-            let pair = word(treelets, lender + START).get() + word(treelets, lender + SIZE).get() - 1;
+            let pair = pair_of_split(buffers.treelets, first + left_items - 1);
             if local == 0 {
-                put_split(shared, tasks, task, pair, nodes, parents);
-                let groups = word(state, header::TREELETS).get().div_ceil(GROUP_SIZE);
-                word(state, header::MOVE_GROUPS + 3 * step.level).max(groups);
+                put_split(shared, buffers, task, pair);
+                let groups = word(buffers.state, header::TREELETS).get().div_ceil(GROUP_SIZE);
+                word(buffers.state, header::MOVE_GROUPS + 3 * step.level).max(groups);
             }
             let child = CHILDREN + local * BIN_WORDS;
             let items = shared_at(shared, child + ITEMS);
-            if items > 1 {
-                let first = first + local * left_items;
-                let number = first / 2;
+            let first = first + local * left_items;
+            let slot = 1 + 2 * pair + local;
+            if items > MOST_SMALL {
+                let number = task_number(first);
                 let task = (next_set + number) * TASK_WORDS;
                 word(tasks, task + TASK_FIRST).set(first);
                 word(tasks, task + TASK_ITEMS).set(items);
-                word(tasks, task + TASK_SLOT).set(1 + 2 * pair + local);
+                word(tasks, task + TASK_SLOT).set(slot);
                 let mut i = 0;
-                while i < ITEMS - CENTERS {
-                    word(tasks, task + TASK_CENTERS + i).set(shared_at(shared, child + CENTERS + i));
+                while i < ITEMS {
+                    word(tasks, task + TASK_EXTENT + i).set(shared_at(shared, child + i));
                     i += 1;
                 }
-                let place = word(state, header::CHOOSE_GROUPS + 3 * (step.level + 1)).add(1);
-                word(queues, next_set + place).set(number);
+                let place = word(buffers.state, header::CHOOSE_GROUPS + 3 * (step.level + 1)).add(1);
+                word(buffers.queues, next_set + place).set(number);
+            } else if items > 1 {
+                small::put_task(buffers, step, first, items, slot);
             }
         }
     });
 }
 
+/// The pair of siblings that split number `split` of the top lends: that of the split behind the treelet of that number.
+#[inline]
+pub fn pair_of_split(treelets: &[Word], split: u32) -> u32 {
+    let lender = split * TREELET_WORDS;
+    word(treelets, lender + START).get() + word(treelets, lender + SIZE).get() - 1
+}
+
 /// Writes a task's node, whose children are pair number `pair`, and its plane.
 #[inline]
-fn put_split(shared: &Shared, tasks: &[Word], task: u32, pair: u32, nodes: &[Word], parents: &[Word]) {
+fn put_split(shared: &Shared, buffers: &TopBuffers<'_>, task: u32, pair: u32) {
+    let tasks = buffers.tasks;
     let plane = shared_at(shared, PLANES + 3);
     let slot = word(tasks, task + TASK_SLOT).get();
     let (left, right) =
         (Extent::shared_load(shared, CHILDREN), Extent::shared_load(shared, CHILDREN + BIN_WORDS));
-    let bounds = left.union(right).bounds();
-    put_node(
-        nodes,
-        node_word(slot),
-        BvhNode { min: bounds.min, first: 1 + 2 * pair, max: bounds.max, count: 0 },
-    );
-    word(parents, pair).set(slot);
+    put_inner(buffers, slot, left.union(right).bounds(), pair);
     word(tasks, task + TASK_AXIS).set(plane / BINS);
     word(tasks, task + TASK_PLANE).set(plane % BINS);
     word(tasks, task + TASK_LEFT).set(shared_at(shared, CHILDREN + ITEMS));
     word(tasks, task + TASK_PAIR).set(pair);
 }
 
-/// Takes treelet number `t` to its side of its task's plane: to its place in the tree where it is alone there, else to the
-/// bins of the task there.
+/// Writes an inner node whose children are pair number `pair`.
 #[inline]
-#[expect(clippy::too_many_arguments, reason = "the buffers of a build")]
-pub fn move_treelet(
-    step: &BuildStep,
-    state: &[Word],
-    treelets: &[Word],
-    treelet_tasks: &[Word],
-    tasks: &[Word],
-    bins: &[Word],
-    nodes: &[Word],
-    parents: &[Word],
-    t: u32,
-) {
-    if t < word(state, header::TREELETS).get() {
-        let number = word(treelet_tasks, t).get();
+pub fn put_inner(buffers: &TopBuffers<'_>, slot: u32, bounds: Aabb, pair: u32) {
+    let node = BvhNode { min: bounds.min, first: 1 + 2 * pair, max: bounds.max, count: 0 };
+    put_node(buffers.nodes, node_word(slot), node);
+    word(buffers.parents, pair).set(slot);
+}
+
+/// Takes treelet number `t` to its side of its task's plane: to its place in the tree where it is alone there, else to the
+/// task there.
+#[inline]
+pub fn move_treelet(step: &BuildStep, buffers: &TopBuffers<'_>, t: u32) {
+    if t < word(buffers.state, header::TREELETS).get() {
+        let number = word(buffers.treelet_tasks, t).get();
         if number != DONE {
+            let tasks = buffers.tasks;
             let set = step.level % 2 * most_tasks(step.count);
             let next_set = most_tasks(step.count) - set;
             let task = (set + number) * TASK_WORDS;
             let axis = word(tasks, task + TASK_AXIS).get();
-            let middle = center(bounds_of(treelets, t));
+            let middle = center(bounds_of(buffers.treelets, t));
             let bin = bin_of(tasks, task, axis, middle, t);
             let right = (bin >= word(tasks, task + TASK_PLANE).get()) as u32;
             let left_items = word(tasks, task + TASK_LEFT).get();
             let items =
                 if right == 0 { left_items } else { word(tasks, task + TASK_ITEMS).get() - left_items };
-            if items == 1 {
-                let slot = 1 + 2 * word(tasks, task + TASK_PAIR).get() + right;
-                place(treelets, nodes, parents, t, slot);
-                word(treelet_tasks, t).set(DONE);
+            let first = word(tasks, task + TASK_FIRST).get() + right * left_items;
+            let mut next = DONE;
+            if items > MOST_SMALL {
+                next = task_number(first);
+                add_to_bins(buffers, next_set, next, t);
+            } else if items > 1 {
+                small::add_treelet(buffers, first, t);
             } else {
-                let number = (word(tasks, task + TASK_FIRST).get() + right * left_items) / 2;
-                word(treelet_tasks, t).set(number);
-                add_to_bins(treelets, tasks, bins, next_set, number, t);
+                place(buffers, t, 1 + 2 * word(tasks, task + TASK_PAIR).get() + right);
             }
+            word(buffers.treelet_tasks, t).set(next);
         }
     }
 }
 
 /// Writes a treelet's root into a slot of the tree.
 #[inline]
-fn place(treelets: &[Word], nodes: &[Word], parents: &[Word], t: u32, slot: u32) {
-    let root = load_node(treelets, t * TREELET_WORDS);
-    put_node(nodes, node_word(slot), root);
+pub fn place(buffers: &TopBuffers<'_>, t: u32, slot: u32) {
+    let root = load_node(buffers.treelets, t * TREELET_WORDS);
+    put_node(buffers.nodes, node_word(slot), root);
     if root.count == 0 {
-        word(parents, pair(root.first)).set(slot);
+        word(buffers.parents, pair(root.first)).set(slot);
     }
 }
 
+/// The box of treelet number `t`.
 #[inline]
-fn bounds_of(treelets: &[Word], t: u32) -> Aabb {
+pub fn bounds_of(treelets: &[Word], t: u32) -> Aabb {
     let root = load_node(treelets, t * TREELET_WORDS);
     Aabb { min: root.min, max: root.max }
 }
 
 /// Adds treelet number `t` to its bins along each axis of task `number` of a set.
 #[inline]
-fn add_to_bins(treelets: &[Word], tasks: &[Word], bins: &[Word], set: u32, number: u32, t: u32) {
-    let bounds = bounds_of(treelets, t);
-    let weight = word(treelets, t * TREELET_WORDS + SIZE).get();
+fn add_to_bins(buffers: &TopBuffers<'_>, set: u32, number: u32, t: u32) {
+    let bounds = bounds_of(buffers.treelets, t);
+    let extent = Extent::of(bounds);
+    let weight = word(buffers.treelets, t * TREELET_WORDS + SIZE).get();
     let middle = center(bounds);
     let mut axis = 0;
-    while axis < AXES {
-        let bin = bin_of(tasks, (set + number) * TASK_WORDS, axis, middle, t);
+    while axis <= CURVE {
+        let bin = bin_of(buffers.tasks, (set + number) * TASK_WORDS, axis, middle, t);
         let first = number * TASK_BIN_WORDS + (axis * BINS + bin) * BIN_WORDS;
-        Extent::of(bounds).widen(bins, first);
-        Extent::of(Aabb { min: middle, max: middle }).widen(bins, first + CENTERS);
-        word(bins, first + NUMBERS).max(!t);
-        word(bins, first + NUMBERS + 1).max(t + 1);
-        word(bins, first + ITEMS).add(1);
-        word(bins, first + WEIGHT).add(weight);
+        extent.widen(buffers.bins, first);
+        word(buffers.bins, first + NUMBERS).max(!t);
+        word(buffers.bins, first + NUMBERS + 1).max(t + 1);
+        word(buffers.bins, first + ITEMS).add(1);
+        word(buffers.bins, first + WEIGHT).add(weight);
         axis += 1;
     }
 }
 
-/// The bin of a treelet along an axis of a task: 16 of equal width cover what its treelets do.
+/// The bin of a treelet along an axis of a task: those of equal width cover its box, along the curve two its numbers.
 #[inline]
 fn bin_of(tasks: &[Word], task: u32, axis: u32, middle: Vec3, t: u32) -> u32 {
     if axis == CURVE {
         let least = !word(tasks, task + TASK_NUMBERS).get();
-        let width = word(tasks, task + TASK_NUMBERS + 1).get() - least;
-        (t - least) * BINS / width
+        let spread = word(tasks, task + TASK_NUMBERS + 1).get() - least;
+        ((t - least) * 2 >= spread) as u32
     } else {
-        let centers = Extent::load(tasks, task + TASK_CENTERS).bounds();
+        let bounds = Extent::load(tasks, task + TASK_EXTENT).bounds();
         let (low, high, at) = if axis == 0 {
-            (centers.min.x, centers.max.x, middle.x)
+            (bounds.min.x, bounds.max.x, middle.x)
         } else if axis == 1 {
-            (centers.min.y, centers.max.y, middle.y)
+            (bounds.min.y, bounds.max.y, middle.y)
         } else {
-            (centers.min.z, centers.max.z, middle.z)
+            (bounds.min.z, bounds.max.z, middle.z)
         };
         // In 2^16 steps of the next power of two, so that nothing is rounded but downwards.
         let size = high * 0.5 - low * 0.5;
@@ -339,19 +336,19 @@ fn bin_of(tasks: &[Word], task: u32, axis: u32, middle: Vec3, t: u32) -> u32 {
 
 /// Whether a task has to be split in the middle of the curve's order, so that the top keeps its limit on levels.
 ///
-/// Let s be how far its treelets' numbers spread, and levels(s) = ceil(log2 s). The invariant is level + levels(s) <=
-/// limit; it holds at the root. Children spread no further than s, so any plane keeps it where level + 1 + levels(s)
-/// is within the limit; halving makes levels one less. As s >= 2, level < limit for every task.
+/// Let s be how far its treelets' numbers spread, in units of [`MOST_SMALL`] rounded up, and levels(s) = ceil(log2 s). The
+/// invariant is level + levels(s) <= limit; it holds at the root. A task has s >= 2, so that level < limit. Children spread no further than s, so any plane keeps it where level + 1 + levels(s)
+/// is within the limit; halving makes levels one less.
 #[inline]
 fn must_halve(step: &BuildStep, tasks: &[Word], task: u32) -> bool {
     let least = !word(tasks, task + TASK_NUMBERS).get();
     let spread = word(tasks, task + TASK_NUMBERS + 1).get() - least;
-    step.level + 1 + rounded_up_log2(spread) > step.level_limit
+    step.level + 1 + rounded_up_log2(spread.div_ceil(MOST_SMALL)) > step.level_limit
 }
 
 /// ceil(log2 n), n at least 1.
 #[inline]
-fn rounded_up_log2(n: u32) -> u32 {
+pub fn rounded_up_log2(n: u32) -> u32 {
     32 - (n - 1).leading_zeros()
 }
 
@@ -359,41 +356,99 @@ fn rounded_up_log2(n: u32) -> u32 {
 /// front of an axis' first bin, nor where a side is empty: such a plane costs more than any.
 #[inline]
 fn evaluate_plane(shared: &mut Shared, local: u32, must_halve: bool) {
-    let (axis, plane) = (local / BINS, local % BINS);
-    let (mut left, mut right) = (Extent::default(), Extent::default());
-    let (mut left_weight, mut right_weight) = (0u32, 0u32);
-    let (mut left_items, mut right_items) = (0, 0);
-    let mut bin = 0;
-    while bin < BINS {
-        let first = (axis * BINS + bin) * BIN_WORDS;
-        let extent = Extent::shared_load(shared, first);
-        let (items, weight) = (shared_at(shared, first + ITEMS), shared_at(shared, first + WEIGHT));
-        if bin < plane {
-            left = left.union(extent);
-            left_weight += weight;
-            left_items += items;
-        } else {
-            right = right.union(extent);
-            right_weight += weight;
-            right_items += items;
+    let along_curve = local == CURVE_PLANE;
+    let mut cost = Cost::NONE;
+    if local < TASK_BINS && (along_curve || !must_halve) {
+        let axis = local / BINS;
+        let (mut left, mut right) = (Side::default(), Side::default());
+        let mut bin = axis * BINS;
+        let end = TASK_BINS.min(bin + BINS);
+        while bin < end {
+            let first = bin * BIN_WORDS;
+            let side = Side {
+                extent: Extent::shared_load(shared, first),
+                items: shared_at(shared, first + ITEMS),
+                weight: shared_at(shared, first + WEIGHT),
+            };
+            if bin < local {
+                left = left.union(side);
+            } else {
+                right = right.union(side);
+            }
+            bin += 1;
         }
-        bin += 1;
-    }
-    let (mut high, mut low, mut larger) = (u32::MAX, u32::MAX, u32::MAX);
-    let middle = axis == CURVE && plane == BINS / 2;
-    if left_items > 0 && right_items > 0 && (!must_halve || middle) {
-        let size = half_size(left.union(right).bounds()).max_element();
-        let (left_high, left_low) = wide_product(area(left, size), left_weight);
-        let (right_high, right_low) = wide_product(area(right, size), right_weight);
-        low = left_low.wrapping_add(right_low);
-        high = left_high + right_high + (low < left_low) as u32;
-        larger = left_items.max(right_items);
+        cost = Cost::of(left, right);
     }
     let entry = PLANES + local * PLANE_WORDS;
-    shared_put(shared, entry, high);
-    shared_put(shared, entry + 1, low);
-    shared_put(shared, entry + 2, larger);
+    shared_put(shared, entry, cost.high);
+    shared_put(shared, entry + 1, cost.low);
+    shared_put(shared, entry + 2, cost.larger);
     shared_put(shared, entry + 3, local);
+}
+
+/// What is on one side of a plane.
+#[derive(Clone, Copy, Default)]
+pub struct Side {
+    /// The box of its treelets.
+    pub extent: Extent,
+    /// How many treelets.
+    pub items: u32,
+    /// How many primitives.
+    pub weight: u32,
+}
+
+impl Side {
+    /// Both together.
+    #[inline]
+    pub fn union(self, other: Side) -> Side {
+        Side {
+            extent: self.extent.union(other.extent),
+            items: self.items + other.items,
+            weight: self.weight + other.weight,
+        }
+    }
+}
+
+/// What a plane costs, to be compared word by word.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Cost {
+    /// Upper word of the sum over both sides of area times number of primitives.
+    pub high: u32,
+    /// Lower word.
+    pub low: u32,
+    /// Treelets on the fuller side: boxes in a line have no area, so that all their costs are 0.
+    pub larger: u32,
+}
+
+impl Cost {
+    /// Of a plane that parts nothing.
+    pub const NONE: Cost = Cost { high: u32::MAX, low: u32::MAX, larger: u32::MAX };
+
+    /// Of a plane between two sides.
+    #[inline]
+    pub fn of(left: Side, right: Side) -> Cost {
+        if left.items == 0 || right.items == 0 {
+            return Cost::NONE;
+        }
+        let size = half_size(left.extent.union(right.extent).bounds()).max_element();
+        let (left_high, left_low) = wide_product(area(left.extent, size), left.weight);
+        let (right_high, right_low) = wide_product(area(right.extent, size), right.weight);
+        let low = left_low.wrapping_add(right_low);
+        let high = left_high + right_high + (low < left_low) as u32;
+        Cost { high, low, larger: left.items.max(right.items) }
+    }
+
+    /// Whether it is cheaper, or as cheap and more even.
+    #[inline]
+    pub fn is_below(self, other: Cost) -> bool {
+        if self.high != other.high {
+            self.high < other.high
+        } else if self.low != other.low {
+            self.low < other.low
+        } else {
+            self.larger < other.larger
+        }
+    }
 }
 
 /// Half the surface of a box in units of 2^-30 of the square of twice `size`, the longest half side of a box around it:
@@ -446,15 +501,40 @@ fn keep_better_plane(shared: &mut Shared, one: u32, other: u32) {
 #[inline]
 fn sum_child(shared: &mut Shared, local: u32) {
     let plane = shared_at(shared, PLANES + 3);
-    let (axis, plane) = (plane / BINS, plane % BINS);
     let (side, i) = (local / BIN_WORDS, local % BIN_WORDS);
+    let begin = plane / BINS * BINS;
     let mut sum = 0;
-    let mut bin = if side == 0 { 0 } else { plane };
-    let end = if side == 0 { plane } else { BINS };
+    let mut bin = if side == 0 { begin } else { plane };
+    let end = if side == 0 { plane } else { TASK_BINS.min(begin + BINS) };
     while bin < end {
-        let value = shared_at(shared, (axis * BINS + bin) * BIN_WORDS + i);
+        let value = shared_at(shared, bin * BIN_WORDS + i);
         sum = if i < ITEMS { sum.max(value) } else { sum + value };
         bin += 1;
     }
     shared_put(shared, CHILDREN + local, sum);
+}
+
+/// The buffers of the top's build.
+#[derive(Clone, Copy)]
+pub struct TopBuffers<'a> {
+    /// See [`header`].
+    pub state: &'a [Word],
+    /// See [`hlbvh`](super::hlbvh).
+    pub treelets: &'a [Word],
+    /// The number of each treelet's task.
+    pub treelet_tasks: &'a [Word],
+    /// The tasks, in two sets of [`most_tasks`].
+    pub tasks: &'a [Word],
+    /// Numbers of tasks: two sets, then those of [`small`](super::small).
+    pub queues: &'a [Word],
+    /// [`TASK_BIN_WORDS`] for each task.
+    pub bins: &'a [Word],
+    /// See [`small`](super::small).
+    pub small_tasks: &'a [Word],
+    /// The treelets of small tasks, each at one of its task's numbers.
+    pub lists: &'a [Word],
+    /// The tree.
+    pub nodes: &'a [Word],
+    /// The node above each pair of siblings.
+    pub parents: &'a [Word],
 }

@@ -1,6 +1,7 @@
 //! Entry points of the BVH's build, in the order in which they are dispatched.
 
-use crate::bvh::{hlbvh, morton, refit, top};
+use crate::bvh::top::TopBuffers;
+use crate::bvh::{hlbvh, morton, refit, small, top};
 use crate::interface::{BATCH_GROUP_SIZE, BuildStep};
 use crate::parallel::{Word, Workgroup};
 use glam::UVec3;
@@ -57,15 +58,48 @@ pub fn bvh_levels(
     morton::split_levels(Workgroup::of_invocation(group.x, local), shared, step, keys, levels, state);
 }
 
-/// Chooses where treelets end. One invocation.
+/// Chooses where treelets end, and sets up the top's first task. One invocation.
 #[spirv(compute(threads(1), entry_point_name = "bvh_threshold"))]
 pub fn bvh_threshold(
+    #[spirv(push_constant)] step: &BuildStep,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 25)] state: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 32)] treelet_tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 30)] tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 33)] queues: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 31)] bins: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 35)] small_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 36)] lists: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 28)] parents: &[Word],
 ) {
-    hlbvh::choose_threshold(state, tasks, queues, nodes);
+    let buffers = TopBuffers {
+        state,
+        treelets,
+        treelet_tasks,
+        tasks,
+        queues,
+        bins,
+        small_tasks,
+        lists,
+        nodes,
+        parents,
+    };
+    hlbvh::choose_threshold(step, &buffers);
+}
+
+/// Makes each primitive a treelet.
+#[spirv(compute(threads(64), entry_point_name = "bvh_singles"))]
+pub fn bvh_singles(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] step: &BuildStep,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[Word],
+) {
+    if id.x < step.count {
+        hlbvh::emit_single(boxes, treelets, primitives, id.x);
+    }
 }
 
 /// Flags the last primitive of each treelet, for the scan that numbers them.
@@ -117,7 +151,7 @@ pub fn bvh_treelets(
     );
 }
 
-/// Adds the treelets to the bins of the top's first task.
+/// Adds the treelets to the top's first task.
 #[spirv(compute(threads(64), entry_point_name = "bvh_start"))]
 pub fn bvh_start(
     #[spirv(global_invocation_id)] id: UVec3,
@@ -125,11 +159,26 @@ pub fn bvh_start(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 32)] treelet_tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 30)] tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 33)] queues: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 31)] bins: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 35)] small_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 36)] lists: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 28)] parents: &[Word],
 ) {
-    top::start_treelet(state, treelets, treelet_tasks, tasks, bins, nodes, parents, id.x);
+    let buffers = TopBuffers {
+        state,
+        treelets,
+        treelet_tasks,
+        tasks,
+        queues,
+        bins,
+        small_tasks,
+        lists,
+        nodes,
+        parents,
+    };
+    top::start_treelet(&buffers, id.x);
 }
 
 /// Splits the tasks of a level of the top.
@@ -141,14 +190,28 @@ pub fn bvh_choose(
     #[spirv(push_constant)] step: &BuildStep,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 25)] state: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 32)] treelet_tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 30)] tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 33)] queues: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 31)] bins: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 35)] small_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 36)] lists: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 28)] parents: &[Word],
 ) {
-    let group = Workgroup::of_invocation(group.x, local);
-    top::choose(group, shared, step, state, treelets, tasks, queues, bins, nodes, parents);
+    let buffers = TopBuffers {
+        state,
+        treelets,
+        treelet_tasks,
+        tasks,
+        queues,
+        bins,
+        small_tasks,
+        lists,
+        nodes,
+        parents,
+    };
+    top::choose(Workgroup::of_invocation(group.x, local), shared, step, &buffers);
 }
 
 /// Takes treelets to the tasks of the next level, or to their places.
@@ -160,11 +223,59 @@ pub fn bvh_move(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 32)] treelet_tasks: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 30)] tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 33)] queues: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 31)] bins: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 35)] small_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 36)] lists: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 28)] parents: &[Word],
 ) {
-    top::move_treelet(step, state, treelets, treelet_tasks, tasks, bins, nodes, parents, id.x);
+    let buffers = TopBuffers {
+        state,
+        treelets,
+        treelet_tasks,
+        tasks,
+        queues,
+        bins,
+        small_tasks,
+        lists,
+        nodes,
+        parents,
+    };
+    top::move_treelet(step, &buffers, id.x);
+}
+
+/// Makes the nodes of small tasks.
+#[spirv(compute(threads(64), entry_point_name = "bvh_small"))]
+pub fn bvh_small(
+    #[spirv(workgroup_id)] group: UVec3,
+    #[spirv(local_invocation_index)] local: u32,
+    #[spirv(workgroup)] shared: &mut small::Shared,
+    #[spirv(push_constant)] step: &BuildStep,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 25)] state: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 29)] treelets: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 32)] treelet_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 30)] tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 33)] queues: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 31)] bins: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 35)] small_tasks: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 36)] lists: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[Word],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 28)] parents: &[Word],
+) {
+    let buffers = TopBuffers {
+        state,
+        treelets,
+        treelet_tasks,
+        tasks,
+        queues,
+        bins,
+        small_tasks,
+        lists,
+        nodes,
+        parents,
+    };
+    small::split_small_task(Workgroup::of_invocation(group.x, local), shared, step, &buffers);
 }
 
 /// Gives a tree whose primitives moved new boxes.

@@ -4,11 +4,13 @@ use super::{BuildTimes, Bvh, key_bits, sort};
 use bytemuck::cast_slice;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::hlbvh::{
-    MAX_TREELETS, NO_ARRIVAL, TREELET_WORDS, choose_threshold, emit_treelet, flag_treelets,
+    MAX_TREELETS, NO_ARRIVAL, TREELET_WORDS, choose_threshold, emit_single, emit_treelet, flag_treelets,
+    has_single_treelets,
 };
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
 use emboss_kernels::bvh::radix_sort::limbs;
-use emboss_kernels::bvh::{header, morton, refit, scan, top};
+use emboss_kernels::bvh::top::TopBuffers;
+use emboss_kernels::bvh::{header, morton, refit, scan, small, top};
 use emboss_kernels::interface::{BuildStep, BvhNode, MAX_PRIMITIVES};
 use emboss_kernels::parallel::{Word, Workgroup};
 use rayon::prelude::*;
@@ -73,7 +75,7 @@ impl Hlbvh {
         let words: Vec<u32> = self.nodes[..nodes as usize].par_iter().map(Word::get).collect();
         Bvh {
             nodes: cast_slice::<u32, BvhNode>(&words).to_vec(),
-            primitives: self.primitives[..self.sound() as usize].iter().map(Word::get).collect(),
+            primitives: self.primitives.iter().map(Word::get).collect(),
         }
     }
 
@@ -108,79 +110,85 @@ impl Hlbvh {
             let mut shared = [0; size_of::<morton::BoundsShared>() / 4];
             morton::center_bounds(Workgroup::new(id), &mut shared, &step, boxes, state);
         });
-        let (keys, order) = (words(2 * step.limbs * count, 0), words(2 * count, 0));
-        each(count, |i| morton::encode(&step, boxes, state, &keys, &order, i));
-        let codes = clock.lap();
-
-        sort::sort_pairs(&keys, &order, count, bits);
-        let sort = clock.lap();
-
-        let levels = words(count, 0);
-        groups(blocks, |id| {
-            let mut shared = [0; size_of::<morton::LevelsShared>() / 4];
-            morton::split_levels(Workgroup::new(id), &mut shared, &step, &keys, &levels, state);
-        });
-        let most_tasks = top::most_tasks(count);
-        let tasks = words(2 * most_tasks * top::TASK_WORDS, 0);
-        let queues = words(2 * most_tasks, 0);
-        choose_threshold(state, &tasks, &queues, nodes);
-        let treelet_of = words(count, 0);
-        each(count, |i| flag_treelets(state, &levels, &treelet_of, i));
-        scan::scan_serially(Workgroup::new(0), &mut [0; size_of::<scan::Shared>() / 4], &treelet_of, count);
         let most_treelets = count.min(MAX_TREELETS);
+        let most_tasks = top::most_tasks(count);
         let treelets = words(most_treelets * TREELET_WORDS, 0);
-        let emit = |level: u32| {
-            let step = BuildStep { level, ..step };
-            each(count, |i| {
-                emit_treelet(
-                    &step,
-                    boxes,
-                    state,
-                    &order,
-                    &levels,
-                    &treelet_of,
-                    arrivals,
-                    parents,
-                    &treelets,
-                    nodes,
-                    primitives,
-                    i,
-                );
-            });
+        let buffers = TopBuffers {
+            state,
+            treelets: &treelets,
+            treelet_tasks: &words(most_treelets, 0),
+            tasks: &words(2 * most_tasks * top::TASK_WORDS, 0),
+            queues: &words(2 * most_tasks + small::most_small_tasks(count), 0),
+            bins: &words(most_tasks * top::TASK_BIN_WORDS, 0),
+            small_tasks: &words(small::most_small_tasks(count) * small::SMALL_TASK_WORDS, 0),
+            lists: &words(most_treelets, 0),
+            nodes,
+            parents,
         };
-        emit(0);
-        if state[header::DEEP_GROUPS as usize].get() > 0 {
-            emit(1);
-        }
-        let treelets_ms = clock.lap();
+        let mut times = BuildTimes::default();
+        if has_single_treelets(count) {
+            each(count, |i| emit_single(boxes, &treelets, primitives, i));
+            choose_threshold(&step, &buffers);
+            times.codes = clock.lap();
+        } else {
+            let (keys, order) = (words(2 * step.limbs * count, 0), words(2 * count, 0));
+            each(count, |i| morton::encode(&step, boxes, state, &keys, &order, i));
+            times.codes = clock.lap();
 
-        let bins = words(most_tasks * top::TASK_BIN_WORDS, 0);
-        let treelet_tasks = words(most_treelets, 0);
-        each(most_treelets, |t| {
-            top::start_treelet(state, &treelets, &treelet_tasks, &tasks, &bins, nodes, parents, t);
-        });
+            sort::sort_pairs(&keys, &order, count, bits);
+            times.sort = clock.lap();
+
+            let levels = words(count, 0);
+            groups(blocks, |id| {
+                let mut shared = [0; size_of::<morton::LevelsShared>() / 4];
+                morton::split_levels(Workgroup::new(id), &mut shared, &step, &keys, &levels, state);
+            });
+            choose_threshold(&step, &buffers);
+            let treelet_of = words(count, 0);
+            each(count, |i| flag_treelets(state, &levels, &treelet_of, i));
+            let mut shared = [0; size_of::<scan::Shared>() / 4];
+            scan::scan_serially(Workgroup::new(0), &mut shared, &treelet_of, count);
+            let emit = |level: u32| {
+                let step = BuildStep { level, ..step };
+                each(count, |i| {
+                    emit_treelet(
+                        &step,
+                        boxes,
+                        state,
+                        &order,
+                        &levels,
+                        &treelet_of,
+                        arrivals,
+                        parents,
+                        &treelets,
+                        nodes,
+                        primitives,
+                        i,
+                    );
+                });
+            };
+            emit(0);
+            if state[header::DEEP_GROUPS as usize].get() > 0 {
+                emit(1);
+            }
+            times.treelets = clock.lap();
+        }
+        each(most_treelets, |t| top::start_treelet(&buffers, t));
         for level in 0..step.level_limit {
             let step = BuildStep { level, ..step };
             groups(state[(header::CHOOSE_GROUPS + 3 * level) as usize].get(), |id| {
                 let mut shared = [0; size_of::<top::Shared>() / 4];
-                top::choose(
-                    Workgroup::new(id),
-                    &mut shared,
-                    &step,
-                    state,
-                    &treelets,
-                    &tasks,
-                    &queues,
-                    &bins,
-                    nodes,
-                    parents,
-                );
+                top::choose(Workgroup::new(id), &mut shared, &step, &buffers);
             });
-            each(state[(header::MOVE_GROUPS + 3 * level) as usize].get() * top::GROUP_SIZE, |t| {
-                top::move_treelet(&step, state, &treelets, &treelet_tasks, &tasks, &bins, nodes, parents, t);
-            });
+            let moved = state[(header::MOVE_GROUPS + 3 * level) as usize].get() * top::GROUP_SIZE;
+            each(moved, |t| top::move_treelet(&step, &buffers, t));
         }
-        BuildTimes { codes, sort, treelets: treelets_ms, top: clock.lap() }
+        groups(state[header::SMALL_GROUPS as usize].get(), |id| {
+            let mut shared = [0; size_of::<small::Shared>() / 4];
+            small::split_small_task(Workgroup::new(id), &mut shared, &step, &buffers);
+        });
+        times.top = clock.lap();
+        times
     }
 }
 

@@ -10,10 +10,10 @@ use super::transfers::Transfers;
 use crate::backend::BackendError;
 use crate::bvh::{BuildTimes, Bvh, key_bits};
 use bytemuck::bytes_of;
-use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS};
+use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS, has_single_treelets};
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
 use emboss_kernels::bvh::radix_sort::{count_words, limbs};
-use emboss_kernels::bvh::{header, morton, refit, top};
+use emboss_kernels::bvh::{header, morton, refit, small, top};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, BuildStep, MAX_PRIMITIVES, MOST_ROW_GROUPS, binding};
 use emboss_kernels::scene::Features;
 use std::sync::Arc;
@@ -47,6 +47,8 @@ struct Scratch {
     bins: Buffer,
     treelet_tasks: Buffer,
     queues: Buffer,
+    small_tasks: Buffer,
+    lists: Buffer,
 }
 
 /// The pipelines of a build and of a refit.
@@ -57,11 +59,13 @@ pub(super) struct Builder {
     codes: Pipeline,
     levels: Pipeline,
     threshold: Pipeline,
+    singles: Pipeline,
     flags: Pipeline,
     treelets: Pipeline,
     start: Pipeline,
     choose: Pipeline,
     move_treelets: Pipeline,
+    small: Pipeline,
     refit: Pipeline,
     costs: Pipeline,
 }
@@ -120,7 +124,7 @@ impl Tree {
         let sound = self.sound(commands, transfers)?;
         Ok(Bvh {
             nodes: transfers.read(commands, &self.nodes, refit::node_count(sound) as usize)?,
-            primitives: transfers.read(commands, &self.primitives, sound as usize)?,
+            primitives: transfers.read(commands, &self.primitives, self.count as usize)?,
         })
     }
 
@@ -134,21 +138,25 @@ impl Tree {
 impl Scratch {
     fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
         let treelets = count.min(MAX_TREELETS);
-        let tasks = top::most_tasks(count);
+        let (tasks, small_tasks) = (top::most_tasks(count), small::most_small_tasks(count));
+        // Nothing is sorted where each primitive is a treelet.
+        let sorted = if has_single_treelets(count) { 0 } else { count };
         let room = |name, count| words(device, name, count);
         Ok(Scratch {
-            keys: room("the BVH's keys", 2 * limbs(key_bits(count)) * count)?,
-            values: room("the BVH's sorted primitives", 2 * count)?,
-            counts: room("the counts of a sort", count_words(count))?,
-            count_sums: room("the sums of a sort", sort::sum_words(count))?,
-            levels: room("the BVH's splits", count)?,
-            treelet_of: room("the treelets' numbers", count)?,
-            treelet_sums: room("the sums of a scan", scan::sum_words(count))?,
+            keys: room("the BVH's keys", 2 * limbs(key_bits(count)) * sorted)?,
+            values: room("the BVH's sorted primitives", 2 * sorted)?,
+            counts: room("the counts of a sort", count_words(sorted))?,
+            count_sums: room("the sums of a sort", sort::sum_words(sorted))?,
+            levels: room("the BVH's splits", sorted)?,
+            treelet_of: room("the treelets' numbers", sorted)?,
+            treelet_sums: room("the sums of a scan", scan::sum_words(sorted))?,
             treelets: room("the treelets", treelets * TREELET_WORDS)?,
             tasks: room("the tasks of a BVH's build", 2 * tasks * top::TASK_WORDS)?,
             bins: room("the bins of a BVH's build", tasks * top::TASK_BIN_WORDS)?,
             treelet_tasks: room("the treelets' tasks", treelets)?,
-            queues: room("the queues of a BVH's build", 2 * tasks)?,
+            queues: room("the queues of a BVH's build", 2 * tasks + small_tasks)?,
+            small_tasks: room("the small tasks of a BVH's build", small_tasks * small::SMALL_TASK_WORDS)?,
+            lists: room("the lists of a BVH's build", treelets)?,
         })
     }
 
@@ -162,6 +170,8 @@ impl Scratch {
             binding::TASKS => &self.tasks,
             binding::BINS => &self.bins,
             binding::TREELET_TASKS => &self.treelet_tasks,
+            binding::SMALL_TASKS => &self.small_tasks,
+            binding::TREELET_LISTS => &self.lists,
             _ => &self.queues,
         }
     }
@@ -177,11 +187,13 @@ impl Builder {
             codes: pipeline(Kernel::BvhCodes)?,
             levels: pipeline(Kernel::BvhLevels)?,
             threshold: pipeline(Kernel::BvhThreshold)?,
+            singles: pipeline(Kernel::BvhSingles)?,
             flags: pipeline(Kernel::BvhFlags)?,
             treelets: pipeline(Kernel::BvhTreelets)?,
             start: pipeline(Kernel::BvhStart)?,
             choose: pipeline(Kernel::BvhChoose)?,
             move_treelets: pipeline(Kernel::BvhMove)?,
+            small: pipeline(Kernel::BvhSmall)?,
             refit: pipeline(Kernel::BvhRefit)?,
             costs: pipeline(Kernel::BvhCosts)?,
         })
@@ -233,11 +245,13 @@ impl Builder {
             &self.codes,
             &self.levels,
             &self.threshold,
+            &self.singles,
             &self.flags,
             &self.treelets,
             &self.start,
             &self.choose,
             &self.move_treelets,
+            &self.small,
         ] {
             pipeline.bind(|at| tree.at(at).unwrap_or_else(|| scratch.at(at)));
         }
@@ -259,17 +273,23 @@ impl Builder {
         recorder.fill(&scratch.bins, 0);
         recorder.barrier();
         dispatch(&self.centers, step, count.div_ceil(morton::BLOCK));
-        dispatch(&self.codes, step, count.div_ceil(BATCH_GROUP_SIZE));
-        recorder.mark();
-        self.sorter.record(recorder, count, bits);
-        recorder.mark();
-        dispatch(&self.levels, step, count.div_ceil(morton::BLOCK));
-        recorder.dispatch(&self.threshold, &[], [1, 1]);
-        recorder.barrier();
-        dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
-        self.scanner.record(recorder, count);
-        dispatch(&self.treelets, step, count.div_ceil(BATCH_GROUP_SIZE));
-        indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
+        if has_single_treelets(count) {
+            dispatch(&self.singles, step, count.div_ceil(BATCH_GROUP_SIZE));
+            recorder.mark();
+            recorder.mark();
+            dispatch(&self.threshold, step, 1);
+        } else {
+            dispatch(&self.codes, step, count.div_ceil(BATCH_GROUP_SIZE));
+            recorder.mark();
+            self.sorter.record(recorder, count, bits);
+            recorder.mark();
+            dispatch(&self.levels, step, count.div_ceil(morton::BLOCK));
+            dispatch(&self.threshold, step, 1);
+            dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
+            self.scanner.record(recorder, count);
+            dispatch(&self.treelets, step, count.div_ceil(BATCH_GROUP_SIZE));
+            indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
+        }
         recorder.mark();
         recorder.dispatch(&self.start, &[], [count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE), 1]);
         recorder.barrier();
@@ -278,6 +298,7 @@ impl Builder {
             indirect(&self.choose, &step, header::CHOOSE_GROUPS + 3 * level);
             indirect(&self.move_treelets, &step, header::MOVE_GROUPS + 3 * level);
         }
+        indirect(&self.small, step, header::SMALL_GROUPS);
     }
 
     /// Gives the tree the boxes that its primitives have now. Returns the device's time in milliseconds.

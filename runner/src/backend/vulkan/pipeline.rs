@@ -34,18 +34,20 @@ pub(super) enum Kernel {
     BvhCodes,
     BvhLevels,
     BvhThreshold,
+    BvhSingles,
     BvhFlags,
     BvhTreelets,
     BvhStart,
     BvhChoose,
     BvhMove,
+    BvhSmall,
     BvhRefit,
     BvhCosts,
 }
 
 impl Kernel {
     #[cfg(test)]
-    const ALL: [Kernel; 21] = [
+    const ALL: [Kernel; 23] = [
         Kernel::Render,
         Kernel::Resolve,
         Kernel::TraceRays,
@@ -60,11 +62,13 @@ impl Kernel {
         Kernel::BvhCodes,
         Kernel::BvhLevels,
         Kernel::BvhThreshold,
+        Kernel::BvhSingles,
         Kernel::BvhFlags,
         Kernel::BvhTreelets,
         Kernel::BvhStart,
         Kernel::BvhChoose,
         Kernel::BvhMove,
+        Kernel::BvhSmall,
         Kernel::BvhRefit,
         Kernel::BvhCosts,
     ];
@@ -85,11 +89,13 @@ impl Kernel {
             Kernel::BvhCodes => c"bvh_codes",
             Kernel::BvhLevels => c"bvh_levels",
             Kernel::BvhThreshold => c"bvh_threshold",
+            Kernel::BvhSingles => c"bvh_singles",
             Kernel::BvhFlags => c"bvh_flags",
             Kernel::BvhTreelets => c"bvh_treelets",
             Kernel::BvhStart => c"bvh_start",
             Kernel::BvhChoose => c"bvh_choose",
             Kernel::BvhMove => c"bvh_move",
+            Kernel::BvhSmall => c"bvh_small",
             Kernel::BvhRefit => c"bvh_refit",
             Kernel::BvhCosts => c"bvh_costs",
         }
@@ -113,6 +119,8 @@ impl Kernel {
             | Kernel::BvhTreelets
             | Kernel::BvhStart
             | Kernel::BvhChoose
+            | Kernel::BvhSingles
+            | Kernel::BvhSmall
             | Kernel::BvhMove => "building the BVH",
             Kernel::BvhRefit => "refitting the BVH",
             Kernel::BvhCosts => "measuring the BVH",
@@ -167,7 +175,23 @@ impl Kernel {
             Kernel::BvhCenters => &[BOXES, BUILD_STATE],
             Kernel::BvhCodes => &[BOXES, BUILD_STATE, SORT_KEYS, SORT_VALUES],
             Kernel::BvhLevels => &[BUILD_STATE, SORT_KEYS, SPLIT_LEVELS],
-            Kernel::BvhThreshold => &[BUILD_STATE, TASKS, TASK_QUEUES, NODES],
+            Kernel::BvhSingles => &[BOXES, TREELETS, PRIMITIVES],
+            Kernel::BvhThreshold
+            | Kernel::BvhStart
+            | Kernel::BvhChoose
+            | Kernel::BvhMove
+            | Kernel::BvhSmall => &[
+                BUILD_STATE,
+                TREELETS,
+                TREELET_TASKS,
+                TASKS,
+                TASK_QUEUES,
+                BINS,
+                SMALL_TASKS,
+                TREELET_LISTS,
+                NODES,
+                PARENTS,
+            ],
             Kernel::BvhFlags => &[BUILD_STATE, SPLIT_LEVELS, SCAN_VALUES],
             Kernel::BvhTreelets => &[
                 BOXES,
@@ -181,9 +205,6 @@ impl Kernel {
                 NODES,
                 PRIMITIVES,
             ],
-            Kernel::BvhStart => &[BUILD_STATE, TREELETS, TREELET_TASKS, TASKS, BINS, NODES, PARENTS],
-            Kernel::BvhChoose => &[BUILD_STATE, TREELETS, TASKS, TASK_QUEUES, BINS, NODES, PARENTS],
-            Kernel::BvhMove => &[BUILD_STATE, TREELETS, TREELET_TASKS, TASKS, BINS, NODES, PARENTS],
             Kernel::BvhRefit => &[BOXES, BUILD_STATE, ARRIVALS, PARENTS, NODES, PRIMITIVES],
             Kernel::BvhCosts => &[BUILD_STATE, NODES, COSTS],
         }
@@ -202,8 +223,11 @@ impl Kernel {
             | Kernel::BvhFlags
             | Kernel::BvhTreelets
             | Kernel::BvhChoose
+            | Kernel::BvhThreshold
+            | Kernel::BvhSingles
+            | Kernel::BvhSmall
             | Kernel::BvhMove => size_of::<BuildStep>(),
-            Kernel::BvhThreshold | Kernel::BvhStart | Kernel::BvhRefit | Kernel::BvhCosts => 0,
+            Kernel::BvhStart | Kernel::BvhRefit | Kernel::BvhCosts => 0,
         }
     }
 }

@@ -1,0 +1,280 @@
+//! The parts of the tree's top over few treelets: a workgroup makes all nodes of one, in shared memory.
+//!
+//! Each plane behind a treelet, along each axis, is tried: a full sweep of the surface area heuristic, cheap since
+//! treelets are so few. They are ordered along an axis by their middles, equal ones by number, so that every plane but the
+//! last parts some.
+
+use crate::bvh::header;
+use crate::bvh::hlbvh::{MAX_TREELETS, SIZE, TREELET_WORDS};
+use crate::bvh::node::{Extent, center, ordered};
+use crate::bvh::top::{
+    Cost, Side, TopBuffers, bounds_of, most_tasks, pair_of_split, place, put_inner, rounded_up_log2,
+};
+use crate::interface::BuildStep;
+use crate::parallel::{Word, Workgroup, phase, shared_add, shared_at, shared_put, word};
+
+/// Invocations of a workgroup: one for each treelet.
+pub const GROUP_SIZE: u32 = MOST_SMALL;
+/// Most treelets of a small task.
+pub const MOST_SMALL: u32 = 64;
+/// Most levels of a small task's nodes: 6 and some for uneven splits.
+const LEVEL_LIMIT: u32 = 12;
+
+/// Words of a small task: the first of its numbers, how many treelets, its slot, and how many of them are in its list.
+const FIRST: u32 = 0;
+const ITEMS: u32 = 1;
+const SLOT: u32 = 2;
+const LISTED: u32 = 3;
+/// How many words.
+pub const SMALL_TASK_WORDS: u32 = 4;
+
+/// Shared memory: for each treelet [`ITEM_WORDS`], for each position [`PLACE_WORDS`], twice, and [`BEST_WORDS`]; then a word
+/// for each level, of how many positions are still to be split.
+pub type Shared = [u32; (PENDING + LEVEL_LIMIT) as usize];
+/// Words of a treelet: its extent, its middle as ordered words, how many primitives, its number.
+const MIDDLE: u32 = Extent::WORDS;
+const WEIGHT: u32 = MIDDLE + 3;
+const NUMBER: u32 = WEIGHT + 1;
+const ITEM_WORDS: u32 = NUMBER + 1;
+/// Words of a position: the treelet there (among the task's), the first position of its part, how many there are, the
+/// part's slot. Parts of one are in the tree.
+const ITEM: u32 = 0;
+const PART_FIRST: u32 = 1;
+const PART_ITEMS: u32 = 2;
+const PART_SLOT: u32 = 3;
+const PLACE_WORDS: u32 = 4;
+const PLACES: u32 = ITEM_WORDS * MOST_SMALL;
+/// Words of the best plane behind a position's treelet: its cost and its axis.
+const AXIS: u32 = 3;
+const BEST_WORDS: u32 = 4;
+const BEST: u32 = PLACES + 2 * PLACE_WORDS * MOST_SMALL;
+const PENDING: u32 = BEST + BEST_WORDS * MOST_SMALL;
+
+/// How many small tasks there can be in a tree over `count` primitives.
+#[inline]
+pub fn most_small_tasks(count: u32) -> u32 {
+    count.min(MAX_TREELETS) / 2 + 1
+}
+
+/// Queues the task over `items` treelets, 2 to [`MOST_SMALL`], that owns the numbers from `first` on. No two such tasks
+/// have the same half of that.
+#[inline]
+pub fn put_task(buffers: &TopBuffers<'_>, step: &BuildStep, first: u32, items: u32, slot: u32) {
+    let task = first / 2 * SMALL_TASK_WORDS;
+    word(buffers.small_tasks, task + FIRST).set(first);
+    word(buffers.small_tasks, task + ITEMS).set(items);
+    word(buffers.small_tasks, task + SLOT).set(slot);
+    word(buffers.small_tasks, task + LISTED).set(0);
+    let place = word(buffers.state, header::SMALL_GROUPS).add(1);
+    word(buffers.queues, 2 * most_tasks(step.count) + place).set(first / 2);
+}
+
+/// Lists treelet number `t` with the small task that owns the numbers from `first` on.
+#[inline]
+pub fn add_treelet(buffers: &TopBuffers<'_>, first: u32, t: u32) {
+    let listed = word(buffers.small_tasks, first / 2 * SMALL_TASK_WORDS + LISTED).add(1);
+    word(buffers.lists, first + listed).set(t);
+}
+
+/// Makes the nodes of task number `group.id` of the queue.
+#[inline]
+pub fn split_small_task(
+    group: Workgroup<GROUP_SIZE>,
+    shared: &mut Shared,
+    step: &BuildStep,
+    buffers: &TopBuffers<'_>,
+) {
+    let task = word(buffers.queues, 2 * most_tasks(step.count) + group.id).get() * SMALL_TASK_WORDS;
+    let first = word(buffers.small_tasks, task + FIRST).get();
+    let items = word(buffers.small_tasks, task + ITEMS).get();
+    let slot = word(buffers.small_tasks, task + SLOT).get();
+    phase!(group, |local| {
+        if local < items {
+            load_item(shared, buffers.treelets, local, word(buffers.lists, first + local).get());
+        }
+        if local < LEVEL_LIMIT {
+            shared_put(shared, PENDING + local, 0);
+        }
+    });
+    // Lists are in no order; numbers are.
+    phase!(group, |local| {
+        if local < items {
+            let number = shared_at(shared, local * ITEM_WORDS + NUMBER);
+            let mut rank = 0;
+            let mut other = 0;
+            while other < items {
+                rank += (shared_at(shared, other * ITEM_WORDS + NUMBER) < number) as u32;
+                other += 1;
+            }
+            put_place(shared, 0, rank, local, 0, items, slot);
+        }
+    });
+    let mut level = 0;
+    let mut going = true;
+    while going {
+        let set = level % 2;
+        phase!(group, |local| {
+            if local < items {
+                evaluate_planes(shared, set, local, level);
+            }
+        });
+        phase!(group, |local| {
+            if local < items {
+                split_part(shared, buffers, set, local, first, level);
+            }
+        });
+        going = shared_at(shared, PENDING + level) > 0;
+        level += 1;
+    }
+}
+
+/// Reads treelet number `t` as the task's item number `i`.
+#[inline]
+fn load_item(shared: &mut Shared, treelets: &[Word], i: u32, t: u32) {
+    let bounds = bounds_of(treelets, t);
+    let middle = center(bounds);
+    let item = i * ITEM_WORDS;
+    Extent::of(bounds).shared_store(shared, item);
+    shared_put(shared, item + MIDDLE, ordered(middle.x));
+    shared_put(shared, item + MIDDLE + 1, ordered(middle.y));
+    shared_put(shared, item + MIDDLE + 2, ordered(middle.z));
+    shared_put(shared, item + WEIGHT, word(treelets, t * TREELET_WORDS + SIZE).get());
+    shared_put(shared, item + NUMBER, t);
+}
+
+/// Writes what is at a position.
+#[inline]
+fn put_place(shared: &mut Shared, set: u32, position: u32, item: u32, first: u32, items: u32, slot: u32) {
+    let place = place_word(set, position);
+    shared_put(shared, place + ITEM, item);
+    shared_put(shared, place + PART_FIRST, first);
+    shared_put(shared, place + PART_ITEMS, items);
+    shared_put(shared, place + PART_SLOT, slot);
+}
+
+#[inline]
+fn place_word(set: u32, position: u32) -> u32 {
+    PLACES + (set * MOST_SMALL + position) * PLACE_WORDS
+}
+
+/// Whether item `a` is in front of the plane behind item `b`: not beyond it along the axis.
+#[inline]
+fn is_in_front(shared: &Shared, axis: u32, a: u32, b: u32) -> bool {
+    let (a, b) = (a * ITEM_WORDS, b * ITEM_WORDS);
+    let (at, plane) = (shared_at(shared, a + MIDDLE + axis), shared_at(shared, b + MIDDLE + axis));
+    at < plane || (at == plane && shared_at(shared, a + NUMBER) <= shared_at(shared, b + NUMBER))
+}
+
+/// Finds the best of the three planes behind a position's item, in its part.
+#[inline]
+fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
+    let place = place_word(set, position);
+    let item = shared_at(shared, place + ITEM);
+    let first = shared_at(shared, place + PART_FIRST);
+    let items = shared_at(shared, place + PART_ITEMS);
+    let (mut best, mut best_axis) = (Cost::NONE, 0);
+    if items > 1 {
+        // So that its nodes keep their limit on levels: halving leaves ceil(log2) more.
+        let must_halve = level + 1 + rounded_up_log2(items - 1) > LEVEL_LIMIT;
+        let mut axis = 0;
+        while axis < 3 {
+            let (mut left, mut right) = (Side::default(), Side::default());
+            let mut other = first;
+            while other < first + items {
+                let other_item = shared_at(shared, place_word(set, other) + ITEM);
+                let side = Side {
+                    extent: Extent::shared_load(shared, other_item * ITEM_WORDS),
+                    items: 1,
+                    weight: shared_at(shared, other_item * ITEM_WORDS + WEIGHT),
+                };
+                if is_in_front(shared, axis, other_item, item) {
+                    left = left.union(side);
+                } else {
+                    right = right.union(side);
+                }
+                other += 1;
+            }
+            let mut cost = Cost::of(left, right);
+            if must_halve && cost.larger <= items {
+                cost = Cost { high: 0, low: 0, ..cost };
+            }
+            if cost.is_below(best) {
+                best = cost;
+                best_axis = axis;
+            }
+            axis += 1;
+        }
+    }
+    let entry = BEST + position * BEST_WORDS;
+    shared_put(shared, entry, best.high);
+    shared_put(shared, entry + 1, best.low);
+    shared_put(shared, entry + 2, best.larger);
+    shared_put(shared, entry + AXIS, best_axis);
+}
+
+/// Splits the part of a position by the best of its planes; takes the position's item to its new position, and to its place
+/// in the tree where it is alone there. The first position of a part writes its node.
+#[inline]
+fn split_part(
+    shared: &mut Shared,
+    buffers: &TopBuffers<'_>,
+    set: u32,
+    position: u32,
+    numbers: u32,
+    level: u32,
+) {
+    let at = place_word(set, position);
+    let item = shared_at(shared, at + ITEM);
+    let first = shared_at(shared, at + PART_FIRST);
+    let items = shared_at(shared, at + PART_ITEMS);
+    let slot = shared_at(shared, at + PART_SLOT);
+    let next = 1 - set;
+    if items == 1 {
+        put_place(shared, next, position, item, first, items, slot);
+        return;
+    }
+    let (mut best, mut best_position) = (Cost::NONE, first);
+    let mut other = first;
+    while other < first + items {
+        let entry = BEST + other * BEST_WORDS;
+        let cost = Cost {
+            high: shared_at(shared, entry),
+            low: shared_at(shared, entry + 1),
+            larger: shared_at(shared, entry + 2),
+        };
+        if cost.is_below(best) {
+            best = cost;
+            best_position = other;
+        }
+        other += 1;
+    }
+    let axis = shared_at(shared, BEST + best_position * BEST_WORDS + AXIS);
+    let plane = shared_at(shared, place_word(set, best_position) + ITEM);
+    // How many are in front of the plane, and of these and of the others how many stand in front of this position.
+    let (mut left_items, mut left_before) = (0, 0);
+    let mut whole = Extent::default();
+    let mut other = first;
+    while other < first + items {
+        let other_item = shared_at(shared, place_word(set, other) + ITEM);
+        let in_front = is_in_front(shared, axis, other_item, plane) as u32;
+        left_items += in_front;
+        left_before += in_front * (other < position) as u32;
+        whole = whole.union(Extent::shared_load(shared, other_item * ITEM_WORDS));
+        other += 1;
+    }
+    let pair = pair_of_split(buffers.treelets, numbers + first + left_items - 1);
+    if position == first {
+        put_inner(buffers, slot, whole.bounds(), pair);
+    }
+    let right = !is_in_front(shared, axis, item, plane) as u32;
+    let part_first = first + right * left_items;
+    let part_items = if right == 0 { left_items } else { items - left_items };
+    let before = if right == 0 { left_before } else { position - first - left_before };
+    let part_slot = 1 + 2 * pair + right;
+    put_place(shared, next, part_first + before, item, part_first, part_items, part_slot);
+    if part_items == 1 {
+        place(buffers, shared_at(shared, item * ITEM_WORDS + NUMBER), part_slot);
+    } else {
+        shared_add(shared, PENDING + level, 1);
+    }
+}
