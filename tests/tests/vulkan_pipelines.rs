@@ -80,31 +80,29 @@ fn code(module: &Module, entry_point: &str) -> Code {
     }
 }
 
-/// Asserts that an entry point does not read `unread` without a feature, as it does with it. Returns its size with the
-/// feature and without.
-fn sizes(entry_point: &str, with: Features, without: Features, unread: &[u32]) -> [usize; 2] {
-    let [with, without] = [with, without].map(|features| code(&specialized(features), entry_point));
+/// Asserts that `with` reads `unread`, and `without` does not.
+fn assert_unread(with: &Code, without: &Code, unread: &[u32]) {
     for binding in unread {
         let needed = with.bindings.contains(binding) && !without.bindings.contains(binding);
-        assert!(needed, "{entry_point}, binding {binding}: {with:?}, {without:?}");
+        assert!(needed, "binding {binding}: {with:?}, {without:?}");
     }
-    [with.instructions, without.instructions]
 }
 
 #[test]
 fn scenes_without_seams_have_no_code_for_them() {
-    let unread = [binding::SEAMS, binding::SEAM_SIDES];
-    for entry_point in ["render", "trace_rays"] {
-        for method in [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE] {
-            let welded = Features { method, ..ALL };
-            let [with, without] = sizes(entry_point, welded, Features { seams: 0, ..welded }, &unread);
-            assert!(without < with, "{entry_point}, method {method}: {without} of {with}");
+    for method in [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE] {
+        let [welded, plain] = [1, 0].map(|seams| specialized(Features { method, seams, ..ALL }));
+        for entry_point in ["render", "trace_rays"] {
+            let (with, without) = (code(&welded, entry_point), code(&plain, entry_point));
+            assert_unread(&with, &without, &[binding::SEAMS, binding::SEAM_SIDES]);
+            assert!(without.instructions < with.instructions, "{entry_point}: {with:?}, {without:?}");
         }
     }
 }
 
 #[test]
 fn features_that_are_off_leave_no_code() {
+    let with = code(&specialized(ALL), "render");
     let off: [(Features, &[u32]); 5] = [
         (Features { shadows: 0, ..ALL }, &[]),
         (Features { color_format: color_format::NONE, ..ALL }, &[binding::COLOR_TEXELS]),
@@ -113,21 +111,22 @@ fn features_that_are_off_leave_no_code() {
         (Features { counters: 0, ..ALL }, &[]),
     ];
     for (features, unread) in off {
-        let [with, without] = sizes("render", ALL, features, unread);
-        assert!(without < with, "{features:?}: {without} of {with}");
+        let without = code(&specialized(features), "render");
+        assert_unread(&with, &without, unread);
+        assert!(without.instructions < with.instructions, "{features:?}: {without:?}, {with:?}");
     }
 }
 
 /// Of the methods a pipeline holds one.
 #[test]
 fn methods_that_are_not_chosen_leave_no_code() {
-    let none = Features { method: method::NONE, ..ALL };
-    sizes("render", ALL, none, &[binding::HEIGHT_RANGES, binding::SEAMS, binding::SEAM_SIDES]);
-    sizes("render", ALL, Features { method: method::GRID_WALK, ..ALL }, &[binding::HEIGHT_RANGES]);
     let [quadtree, grid_walk, brute_force, none] =
         [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE, method::NONE]
-            .map(|method| code(&specialized(Features { method, ..ALL }), "render").instructions);
+            .map(|method| code(&specialized(Features { method, ..ALL }), "render"));
+    assert_unread(&quadtree, &grid_walk, &[binding::HEIGHT_RANGES]);
+    assert_unread(&quadtree, &none, &[binding::HEIGHT_RANGES, binding::SEAMS, binding::SEAM_SIDES]);
     let all = code(&committed(), "render").instructions;
-    assert!(all > (quadtree - none) + (grid_walk - none) + (brute_force - none) + none, "{all}");
-    assert!(none < brute_force && brute_force < quadtree);
+    let own = |method: &Code| method.instructions - none.instructions;
+    let sum = own(&quadtree) + own(&grid_walk) + own(&brute_force) + none.instructions;
+    assert!(all > sum, "{all} instructions before, {sum} together");
 }
