@@ -45,13 +45,12 @@ impl SurfaceInteraction {
             ([base.p0, base.p1, base.p2], b)
         } else {
             let cell = Cell::unpack(hit.cell);
-            let [q0, q1, q2] = base.micro_triangle(&field, cell);
             let n = field.subdivisions;
             let corner = |e: u32| {
                 let (j, k) = cell.vertex(e);
                 grid_point(j, k, n)
             };
-            ([q0.position, q1.position, q2.position], interpolate(b, corner(0), corner(1), corner(2)))
+            (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
         // Brought to size first: an area's square may be more or less than a float can hold.
         let area = cross(p[1] - p[0], p[2] - p[0]);

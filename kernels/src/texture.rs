@@ -185,6 +185,18 @@ mod tests {
         }
     }
 
+    /// The host refuses maps with greater texels than these, whose differences a filter can take.
+    #[test]
+    fn filter_of_the_greatest_texels_stays_between_them() {
+        let texels = [-1e30_f32, 1e30, 1e30, -1e30].map(f32::to_bits);
+        let map = Displacement { map_width: 2, map_height: 2, ..Displacement::default() };
+        for i in 0..400_u16 {
+            let uv = Vec2::new(f32::from(i % 20), f32::from(i / 20)) / 19.0;
+            let value = sample_height(&texels, height_format::FLOAT32, wrap::REPEAT, &map, uv);
+            assert!(value.abs() <= 1e30 * (1.0 + 3.0 * f32::EPSILON), "{value} at {uv}");
+        }
+    }
+
     #[test]
     fn packed_formats_give_the_code_over_its_greatest() {
         let eight = [u32::from_le_bytes([0, 51, 255, 102])];

@@ -2,7 +2,7 @@
 
 use crate::scene::{HeightMap, Relief};
 use emboss_kernels::displacement::height_pyramid::{
-    level_offset, level_word, level_words, pyramid_words, top_level,
+    Pyramid, level_offset, level_words, pyramid_words, top_level,
 };
 use emboss_kernels::interface::{Displacement, height_format};
 use rayon::prelude::*;
@@ -62,10 +62,15 @@ impl Heights {
             for level in 1..=top_level(width, height) {
                 let offset = level_offset(self.format, width, height, level);
                 let items = 0..level_words(self.format, width, height, level);
-                let built: Vec<u32> = items
-                    .into_par_iter()
-                    .map(|item| level_word(&self.texels, &self.ranges, map, self.format, wrap, level, item))
-                    .collect();
+                let pyramid = Pyramid {
+                    texels: &self.texels,
+                    ranges: &self.ranges,
+                    map: *map,
+                    format: self.format,
+                    wrap,
+                };
+                let built: Vec<u32> =
+                    items.into_par_iter().map(|item| pyramid.level_word(level, item)).collect();
                 let first = (map.first_range + offset) as usize;
                 self.ranges[first..first + built.len()].copy_from_slice(&built);
                 self.ranges[(map.first_range + level) as usize] = offset;

@@ -95,6 +95,16 @@ pub enum RenderError {
         /// Upper corner.
         max: Vec3,
     },
+    /// A height map's texels are too large to be filtered.
+    #[error(
+        "a height map has texels from {min:e} to {max:e}, but floats filter texels up to {LARGEST_TEXEL:e}; scale the map down, and SCALE up"
+    )]
+    TexelsTooLarge {
+        /// The least texel.
+        min: f32,
+        /// The greatest.
+        max: f32,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -130,6 +140,7 @@ fn available_memory() -> Option<u64> {
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let start = Instant::now();
     let Scene { mut mesh, reliefs, color_map, subdivisions } = scene;
+    check_texels(&reliefs)?;
     let seams = match settings.weld {
         Weld::On => SeamTable::find(&mut mesh),
         Weld::Off => SeamTable::default(),
@@ -239,6 +250,21 @@ fn check_extent(boxes: &[Aabb]) -> Result<(), RenderError> {
     Err(RenderError::OutOfRange { min, max })
 }
 
+/// Texels beyond this are refused: a filter takes the differences of texels, whose products and sums are thus within
+/// a float's range.
+const LARGEST_TEXEL: f32 = 1e30;
+
+/// Refuses maps whose heights could not be computed.
+fn check_texels(reliefs: &[Relief]) -> Result<(), RenderError> {
+    for relief in reliefs {
+        let (min, max) = relief.map.range;
+        if min < -LARGEST_TEXEL || max > LARGEST_TEXEL {
+            return Err(RenderError::TexelsTooLarge { min, max });
+        }
+    }
+    Ok(())
+}
+
 /// Writes each triangle's own range of heights into it, and each seam's into its table: what boxes and prisms are
 /// made of.
 fn bound_heights(buffers: &mut SceneBuffers, frame: &Frame, features: Features) {
@@ -278,7 +304,7 @@ mod tests {
     use super::*;
     use crate::backend::cpu::CpuBackend;
     use crate::scene::builtin;
-    use emboss_kernels::interface::counter;
+    use emboss_kernels::interface::{counter, height_format};
 
     fn quilt() -> Scene {
         let builtin = builtin::load("builtin:quilt").expect("built in");
@@ -315,6 +341,23 @@ mod tests {
         assert_eq!((alpha(12, 8), alpha(0, 0), alpha(23, 0)), (1.0, 0.0, 0.0));
         // It touches neither the left nor the lower edge.
         assert!((0..16).all(|y| alpha(0, y) == 0.0) && (0..24).all(|x| alpha(x, 15) == 0.0));
+    }
+
+    /// However little their scale makes of them.
+    #[test]
+    fn texels_that_no_filter_can_take_are_refused() {
+        let with_texel = |texel: f32| {
+            let mut scene = quilt();
+            scene.reliefs[0].scale = 1e-38;
+            let texels = vec![texel.to_bits(), (-texel).to_bits()];
+            let map = &mut scene.reliefs[0].map;
+            (map.width, map.height, map.format) = (2, 1, height_format::FLOAT32);
+            (map.texels, map.range) = (texels, (-texel, texel));
+            prepare(scene, &small())
+        };
+        assert!(with_texel(1e30).is_ok());
+        let error = with_texel(3e38).expect_err("its differences are infinite").to_string();
+        assert!(error.contains("floats filter texels up to 1e30"), "{error}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Whether a backend's nearest hits are those of the micro-triangle surface: rays by the million, judged by the oracle.
 
-use crate::oracle::{Clarity, Oracle};
+use crate::long::Cases;
+use crate::oracle::{Answer, Clarity, Disagreement, Oracle};
 use crate::{Numbers, RaySource, scenes};
 use emboss::backend::{Backend, SceneBuffers};
 use emboss::render::{Job, Scene};
@@ -10,12 +11,16 @@ use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_f
 use emboss_kernels::scene::Features;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::fmt;
 use std::ops::AddAssign;
 
 /// Rays that are traced and judged at a time: memory stays the same however many there are.
 const BATCH: usize = 65_536;
 /// Rays that one source makes.
 const RUN: usize = 1024;
+/// Rays of a kind that stand side by side: a workgroup's. A device that has its threads go round loops together is a
+/// quarter faster over rays that are alike.
+const ALIKE: usize = 64;
 
 /// What became of rays.
 #[derive(Clone, Copy, Debug, Default)]
@@ -93,6 +98,37 @@ impl Tallies {
     }
 }
 
+impl fmt::Display for Tallies {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut all = self.random;
+        all += self.aimed;
+        all += self.leaving;
+        write!(f, "{} rays, {} hits, none wrong", all.rays, all.hits)
+    }
+}
+
+/// What the oracle says of one hit of a ray, or of its miss.
+fn verdict(oracle: &Oracle, ray: &Ray, hit: &Intersection) -> Result<Tally, (Disagreement, Answer)> {
+    let answer = oracle.trace(ray);
+    let hit_something = hit.primitive != MISS;
+    let judged = answer.judge(hit).and_then(|clarity| {
+        if hit_something {
+            oracle.judge_surface(ray, &answer, hit)?;
+        }
+        Ok(clarity)
+    });
+    match judged {
+        Err(disagreement) => Err((disagreement, answer)),
+        Ok(clarity) => Ok(Tally {
+            rays: 1,
+            hits: u64::from(hit_something),
+            must_hit: u64::from(answer.must_hit()),
+            clear: u64::from(clarity == Clarity::Clear),
+            same: u64::from(answer.nearest().is_some_and(|m| (m.base, m.cell) == (hit.primitive, hit.cell))),
+        }),
+    }
+}
+
 /// Has the oracle judge every hit, each of the ray beside it.
 ///
 /// # Panics
@@ -100,25 +136,9 @@ impl Tallies {
 pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Tally {
     assert_eq!(rays.len(), hits.len(), "each ray has an answer");
     let one = |(ray, hit): (&Ray, &Intersection)| {
-        let answer = oracle.trace(ray);
-        let verdict = answer.judge(hit).and_then(|clarity| {
-            if hit.primitive != MISS {
-                oracle.judge_surface(ray, &answer, hit)?;
-            }
-            Ok(clarity)
-        });
-        let clarity = verdict.map_err(|disagreement| {
+        verdict(oracle, ray, hit).map_err(|(disagreement, answer)| {
             let (n, features) = (job.frame.subdivisions, job.features);
             format!("{disagreement:?}: N = {n}, {features:?}\n{ray:?}\n{hit:?}\n{answer:#?}")
-        })?;
-        let hit_something = hit.primitive != MISS;
-        let same = |nearest: (u32, u32)| nearest == (hit.primitive, hit.cell);
-        Ok(Tally {
-            rays: 1,
-            hits: u64::from(hit_something),
-            must_hit: u64::from(answer.must_hit()),
-            clear: u64::from(clarity == Clarity::Clear),
-            same: u64::from(hit_something && answer.nearest().is_some_and(|m| same((m.base, m.cell)))),
         })
     };
     let sum = |mut a: Tally, b: Tally| {
@@ -129,29 +149,40 @@ pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) ->
     tally.unwrap_or_else(|wrong| panic!("{wrong}"))
 }
 
+/// Why the oracle refuses hits, each of the ray beside it; those that it accepts are left out.
+pub fn refused(oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Vec<Disagreement> {
+    assert_eq!(rays.len(), hits.len(), "each ray has an answer");
+    let one = |(ray, hit): (&Ray, &Intersection)| verdict(oracle, ray, hit).err().map(|(why, _)| why);
+    rays.par_iter().zip(hits).filter_map(one).collect()
+}
+
 /// The numbers of subdivisions of the grid cases: one, odd ones, powers of two, one above a power of two.
 pub const SUBDIVISIONS: [u32; 5] = [1, 3, 8, 17, 64];
-
-/// So many rays a case, or 10^8 where the environment has `EMBOSS_LONG=1`.
-pub fn rays_a_case(count: usize) -> usize {
-    if std::env::var("EMBOSS_LONG").is_ok_and(|long| long == "1") { 100_000_000 } else { count }
-}
 
 /// A backend, and the oracle that knows how it rounds.
 pub struct Court<'a> {
     /// The backend whose quadtree method is judged.
-    pub backend: &'a mut dyn Backend,
+    backend: &'a mut dyn Backend,
     /// Makes its oracle.
-    pub oracle: fn(&SceneBuffers, &Frame, Features) -> Oracle,
+    oracle: fn(&SceneBuffers, &Frame, Features) -> Oracle,
+    cases: Cases,
 }
 
-impl Court<'_> {
-    /// A built-in scene at each N of [`SUBDIVISIONS`], with `count` rays of all kinds each.
-    pub fn judge_builtin(&mut self, name: &str, count: usize) {
+impl<'a> Court<'a> {
+    /// A court without cases so far.
+    pub fn new(
+        backend: &'a mut dyn Backend,
+        oracle: fn(&SceneBuffers, &Frame, Features) -> Oracle,
+    ) -> Court<'a> {
+        Court { backend, oracle, cases: Cases::new() }
+    }
+
+    /// A built-in scene at each N of [`SUBDIVISIONS`], with `count(N)` rays of all kinds each.
+    pub fn judge_builtin(&mut self, name: &str, count: impl Fn(u32) -> usize) {
         let scene = scenes::builtin(name);
         for n in SUBDIVISIONS {
             let job = scenes::ready(Scene { subdivisions: n, ..scene.clone() }, Wrap::Repeat);
-            self.judge_job(&job, u64::from(n), count);
+            self.judge_job(&format!("{name}, N = {n}"), &job, u64::from(n), count(n));
         }
     }
 
@@ -162,7 +193,7 @@ impl Court<'_> {
             let scene = scenes::builtin(name);
             for n in [1, 6, 17] {
                 let job = scenes::job(Scene { subdivisions: n, ..scene.clone() }, &settings);
-                self.judge_job(&job, u64::from(n), count);
+                self.judge_job(&format!("{name}, linear, N = {n}"), &job, u64::from(n), count);
             }
         }
     }
@@ -183,7 +214,8 @@ impl Court<'_> {
                     for n in [1, 6, 17] {
                         let job = scenes::job(patchwork(seed, formats, n), &settings);
                         assert_eq!(job.features.seams, u32::from(weld == Weld::On));
-                        self.judge_job(&job, seed + u64::from(n), count);
+                        let what = format!("patchwork, {wrap:?}, {normals:?}, weld {weld:?}, N = {n}");
+                        self.judge_job(&what, &job, seed + u64::from(n), count);
                     }
                 }
             }
@@ -191,9 +223,14 @@ impl Court<'_> {
     }
 
     /// One scene, by `count` rays of all kinds, which must have been a test.
-    pub fn judge_job(&mut self, job: &Job, seed: u64, count: usize) {
-        let oracle = (self.oracle)(&job.buffers, &job.frame, job.features);
-        judge_rays(job, &oracle, self.backend, seed, count).assert_telling();
+    pub fn judge_job(&mut self, what: &str, job: &Job, seed: u64, count: usize) {
+        let Court { backend, oracle, cases } = self;
+        cases.run(what, || {
+            let oracle = oracle(&job.buffers, &job.frame, job.features);
+            let tallies = judge_rays(job, &oracle, *backend, seed, count);
+            tallies.assert_telling();
+            tallies
+        });
     }
 }
 
@@ -218,13 +255,13 @@ fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, 
         left -= batch;
         // Half of them random, a third aimed, a sixth leave hits of the random ones.
         let (aimed, leaving) = (batch / 3, batch / 6);
-        let random = rays(job, seeds.bits(), batch - aimed - leaving, |source, i| match i % 3 {
+        let random = rays(job, seeds.bits(), batch - aimed - leaving, |source, i| match i / ALIKE % 3 {
             0 => source.from_outside(),
             1 => source.from_inside(),
             _ => source.grazing(),
         });
         let hits = trace(&random, &mut tallies.random);
-        let aimed = rays(job, seeds.bits(), aimed, |source, i| match i % 2 {
+        let aimed = rays(job, seeds.bits(), aimed, |source, i| match i / ALIKE % 2 {
             0 => source.along_normal(),
             _ => source.towards_edge(3.0),
         });

@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod exact;
 mod lavapipe;
+pub mod long;
 pub mod meshes;
 mod numbers;
 pub mod oracle;

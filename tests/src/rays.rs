@@ -137,7 +137,7 @@ pub struct LeakRays<'a> {
 struct BorderVertex {
     /// As the kernels compute it.
     position: Vec3,
-    /// The same height along the same direction in f64.
+    /// The point nearest to it on the line that f64 arithmetic displaces it along.
     exact: DVec3,
 }
 
@@ -203,17 +203,18 @@ impl<'a> LeakRays<'a> {
         let n = self.view.frame.subdivisions;
         let base = BaseTriangle::load(&self.view, edge / 3);
         let (j, k) = [(n - m, m), (0, n - m), (m, 0)][edge as usize % 3];
-        let vertex = base.micro_vertex(&self.field, j, k);
+        let position = base.micro_vertex(&self.field, j, k);
         let w = [n - j - k, j, k].map(|part| f64::from(part) / f64::from(n));
         let mixed = |v: [Vec3; 3]| (0..3).map(|e| v[e].as_dvec3() * w[e]).sum::<DVec3>();
         let mut directions = [base.n0, base.n1, base.n2];
         if base.seams != NO_SEAMS {
             directions = base.seams(&self.field).directions.map(Vec3::from_array);
         }
-        let position = mixed([base.p0, base.p1, base.p2]);
+        let (start, direction) = (mixed([base.p0, base.p1, base.p2]), mixed(directions));
+        let displaced = position.as_dvec3() - start;
         BorderVertex {
-            position: vertex.position,
-            exact: position + mixed(directions) * f64::from(vertex.lift),
+            position,
+            exact: start + displaced.project_onto_normalized(direction.normalize_or_zero()),
         }
     }
 }
@@ -350,7 +351,7 @@ impl<'a> HardRays<'a> {
         let j = self.numbers.below(n);
         let k = self.numbers.below(n - j);
         let upper = j + k + 2 <= n && self.numbers.unit() < 0.5;
-        let corners = base.micro_triangle(&self.field, Cell { j, k, upper }).map(|vertex| vertex.position);
+        let corners = base.micro_triangle(&self.field, Cell { j, k, upper });
         let first = self.numbers.below(3) as usize;
         [0, 1, 2].map(|e| corners[(first + e) % 3])
     }

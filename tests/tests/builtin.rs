@@ -1,5 +1,5 @@
-//! The quadtree and the grid walk against brute force on the built-in scenes and on random ones, and what tracing promises
-//! whatever the method.
+//! The quadtree against brute force on the built-in scenes and on random ones, and what tracing promises whatever the
+//! method.
 
 use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
@@ -92,33 +92,6 @@ fn quadtree_is_brute_force_on_the_quilt() {
 #[test]
 fn quadtree_is_brute_force_on_the_knot() {
     compare_methods_at_all_n("builtin:knot", 2000);
-}
-
-/// What the grid walk misses on the built-in scenes, by kind of ray: where the exact hit is another one, or the only one.
-/// It never finds what is not there. The shares are the accuracy table of EXACTNESS.md; the bounds here leave room
-/// for other random numbers.
-#[test]
-fn grid_walk_misses_what_is_said_of_it() {
-    // From outside, from inside, grazing, along normals, towards base edges.
-    let most = [0.005, 0.005, 0.005, 1.0, 0.01];
-    let mut table = String::new();
-    for (name, n) in [("cube", 8), ("cube", 64), ("quilt", 17), ("quilt", 128), ("knot", 8), ("knot", 64)] {
-        let job = subdivided(&format!("builtin:{name}"), n);
-        let rays = rays(&job, 21, 2000);
-        let exact = traced(&job, method::QUADTREE, &rays);
-        let walked = traced(&job, method::GRID_WALK, &rays);
-        assert!(exact.iter().zip(&walked).all(|(e, w)| e.t <= w.t));
-        table += &format!("{name:<6} N = {n:<4}");
-        for (kind, most) in most.into_iter().enumerate() {
-            let of_kind = || exact.iter().zip(&walked).skip(kind).step_by(5);
-            let hits = of_kind().filter(|(e, _)| e.primitive != MISS).count();
-            let missed = of_kind().filter(|(e, w)| bytes_of(*e) != bytes_of(*w)).count();
-            let share = missed as f64 / hits as f64;
-            table += &format!(" {:>6.2} %", 100.0 * share);
-            assert!(share <= most, "kind {kind}: {share}\n{table}");
-        }
-        table += "\n";
-    }
 }
 
 /// Normals that lean from not at all to wildly, every format and wrap.

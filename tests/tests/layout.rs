@@ -360,7 +360,7 @@ fn changed(mut module: Module, change: impl Fn(&[Operand]) -> Option<u32>) -> Mo
 /// The comparison above can fail: a member that moves, and a stride that grows, are noticed.
 #[test]
 fn a_moved_member_and_a_changed_stride_are_noticed() {
-    assert!(differing_bindings(&compiled()).is_empty());
+    assert_eq!(differing_bindings(&compiled()), Vec::<u32>::new());
     let moved = changed(compiled(), |operands| match operands {
         [_, Operand::LiteralBit32(1), Operand::Decoration(Decoration::Offset), Operand::LiteralBit32(12)] => {
             Some(16)

@@ -50,7 +50,7 @@ fn corners(job: &Job, primitive: u32, cell: u32) -> [DVec3; 3] {
     let view = job.buffers.view(&job.frame);
     let field = HeightField::new(&view, job.features);
     let corners = BaseTriangle::load(&view, primitive).micro_triangle(&field, Cell::unpack(cell));
-    corners.map(|vertex| vertex.position.as_dvec3())
+    corners.map(|corner| corner.as_dvec3())
 }
 
 /// Lets a ray leave a hit and counts what it meets.

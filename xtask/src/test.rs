@@ -16,7 +16,7 @@ const VULKAN: &str = "vulkan";
 /// A step, in the order in which CI takes them: what is quick and often wrong comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub(crate) enum Step {
-    /// Lavapipe, the Vulkan loader and the validation layers are there, or are installed
+    /// Lavapipe, the Vulkan loader, the validation layers and SPIRV-Tools are there, or are installed
     Packages,
     /// Every file is formatted
     Fmt,
@@ -26,7 +26,7 @@ pub(crate) enum Step {
     Docs,
     /// Tests that need no Vulkan
     Unit,
-    /// Tests that dispatch kernels on lavapipe
+    /// Tests of pipelines, most of which dispatch kernels on lavapipe
     Vulkan,
     /// The committed SPIR-V is what the sources give
     Spirv,
@@ -190,6 +190,7 @@ const PACKAGES: &[Package] = &[
     Package { name: "mesa-vulkan-drivers", is_there: || lavapipe().is_some() },
     Package { name: "libvulkan1", is_there: has_vulkan_loader },
     Package { name: "vulkan-validationlayers", is_there: has_validation_layer },
+    Package { name: "spirv-tools", is_there: has_spirv_opt },
 ];
 
 /// Installs what is missing, or says what to install.
@@ -201,7 +202,7 @@ fn install_packages() -> Result<String> {
     let names = missing.join(" ");
     ensure!(
         has_apt(),
-        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers); install it"
+        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, SPIRV-Tools); install it"
     );
     ensure!(is_root()?, "missing: {names}; run `sudo apt-get install {names}`");
     run_command(Command::new("apt-get").args(["update", "-qq"]))?;
@@ -235,6 +236,11 @@ fn lavapipe() -> Option<PathBuf> {
 fn has_vulkan_loader() -> bool {
     let libraries = Command::new("/sbin/ldconfig").arg("-p").output();
     libraries.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains("libvulkan.so.1"))
+}
+
+/// Whether SPIR-V can be specialised as a driver does it.
+fn has_spirv_opt() -> bool {
+    Command::new("spirv-opt").arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
 /// Whether the Khronos validation layer is registered.

@@ -23,15 +23,15 @@ pub fn intersect(
     let mut j = 0;
     while j < n {
         // A strip between rows j and j+1: each step adds one vertex to either row.
-        let mut a = base.micro_vertex(field, j, 0).position;
-        let mut b = base.micro_vertex(field, j + 1, 0).position;
+        let mut a = base.micro_vertex(field, j, 0);
+        let mut b = base.micro_vertex(field, j + 1, 0);
         let mut k = 0;
         while j + k < n {
-            let c = base.micro_vertex(field, j, k + 1).position;
+            let c = base.micro_vertex(field, j, k + 1);
             nearest = base.intersect_cell(ray, Cell { j, k, upper: false }, a, b, c, nearest);
             counts.triangles += 1;
             if j + k + 1 < n {
-                let d = base.micro_vertex(field, j + 1, k + 1).position;
+                let d = base.micro_vertex(field, j + 1, k + 1);
                 nearest = base.intersect_cell(ray, Cell { j, k, upper: true }, d, c, b, nearest);
                 counts.triangles += 1;
                 b = d;

@@ -345,7 +345,7 @@ fn walk(
         }
     }
     let [a, b, c] = base.micro_triangle(field, cell);
-    let mut corners = Corners { a: a.position, b: b.position, c: c.position, flags: conic.cell_flags(cell) };
+    let mut corners = Corners { a, b, c, flags: conic.cell_flags(cell) };
 
     // A quadratic crosses each of the 3 (N+1) grid lines at most twice, and each step crosses one.
     let cap = 6 * (n + 1);
@@ -393,7 +393,7 @@ impl Corners {
         e: u32,
     ) -> Self {
         let (j, k) = cell.vertex(e);
-        let new = base.micro_vertex(field, j, k).position;
+        let new = base.micro_vertex(field, j, k);
         let flag = conic.grid_flag(j, k);
         let Corners { a, b, c, flags } = self;
         if e == 0 {

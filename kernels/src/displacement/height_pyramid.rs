@@ -86,136 +86,136 @@ impl TexelRange {
     }
 }
 
-/// Word `item` of level `level`, at least 1; the levels below must be built.
-///
-/// Cost: nine reads an entry, sixteen at a repeated border.
-#[inline]
-pub fn level_word(
-    texels: &[u32],
-    ranges: &[u32],
-    map: &Displacement,
-    format: u32,
-    mode: u32,
-    level: u32,
-    item: u32,
-) -> u32 {
-    let count = entries(map.map_width, level) * entries(map.map_height, level);
-    // A word holds two entries of bytes, one of halves, or half of one of floats.
-    let (first, last) = if format == height_format::UNORM8 {
-        (2 * item, (2 * item + 1).min(count - 1))
-    } else if format == height_format::UNORM16 {
-        (item, item)
-    } else {
-        (item >> 1, item >> 1)
-    };
-    let mut word = 0;
-    let mut entry = first;
-    while entry <= last {
-        let range = below(texels, ranges, map, format, mode, level, entry);
-        word |= if format == height_format::UNORM8 {
-            ((range.min * 255.0 + 0.5) as u32 | ((range.max * 255.0 + 0.5) as u32) << 8)
-                << (16 * (entry - first))
-        } else if format == height_format::UNORM16 {
-            (range.min * 65535.0 + 0.5) as u32 | ((range.max * 65535.0 + 0.5) as u32) << 16
-        } else {
-            (if item & 1 == 0 { range.min } else { range.max }).to_bits()
-        };
-        entry += 1;
-    }
-    word
+/// A height map with its pyramid, or with as many of its levels as are built.
+#[derive(Clone, Copy)]
+pub struct Pyramid<'a> {
+    /// The texels of all maps.
+    pub texels: &'a [u32],
+    /// The pyramids of all maps.
+    pub ranges: &'a [u32],
+    /// Which map, and where it begins in both. Its own copy: a reference would keep what it is a part of in memory, and
+    /// drivers then find less of it constant.
+    pub map: Displacement,
+    /// How texels are stored: see [`height_format`].
+    pub format: u32,
+    /// How the map goes on beyond its borders: see [`wrap`].
+    pub wrap: u32,
 }
 
-/// Writes word `item` of level `level` to the pyramid, and with the first one where the level begins. What the entry
-/// point `height_pyramid` does, level by level.
+impl Pyramid<'_> {
+    /// Word `item` of level `level`, at least 1; the levels below must be built.
+    ///
+    /// Cost: nine reads an entry, sixteen at a repeated border.
+    #[inline]
+    pub fn level_word(&self, level: u32, item: u32) -> u32 {
+        let count = entries(self.map.map_width, level) * entries(self.map.map_height, level);
+        // A word holds two entries of bytes, one of halves, or half of one of floats.
+        let (first, last) = if self.format == height_format::UNORM8 {
+            (2 * item, (2 * item + 1).min(count - 1))
+        } else if self.format == height_format::UNORM16 {
+            (item, item)
+        } else {
+            (item >> 1, item >> 1)
+        };
+        let mut word = 0;
+        let mut entry = first;
+        while entry <= last {
+            let range = self.below(level, entry);
+            word |= if self.format == height_format::UNORM8 {
+                ((range.min * 255.0 + 0.5) as u32 | ((range.max * 255.0 + 0.5) as u32) << 8)
+                    << (16 * (entry - first))
+            } else if self.format == height_format::UNORM16 {
+                (range.min * 65535.0 + 0.5) as u32 | ((range.max * 65535.0 + 0.5) as u32) << 16
+            } else {
+                (if item & 1 == 0 { range.min } else { range.max }).to_bits()
+            };
+            entry += 1;
+        }
+        word
+    }
+
+    /// Entry number `entry` of `level`, from the level below.
+    ///
+    /// Its square is twice as wide as those below: four of their spacings, which the entries at the first three spacings
+    /// cover. Where the third one has gone round a repeated border, its square begins before what it has to cover
+    /// and ends as much too early, and a fourth is needed.
+    #[inline]
+    fn below(&self, level: u32, entry: u32) -> TexelRange {
+        let (width, height) = (self.map.map_width, self.map.map_height);
+        let across = entries(width, level);
+        let (x, y) = ((entry % across) << level, (entry / across) << level);
+        let spacing = 1 << (level - 1);
+        let mut range = TexelRange::EMPTY;
+        let mut i = 0;
+        while i < 16 {
+            let (sx, sy) = (x + (i & 3) * spacing, y + (i >> 2) * spacing);
+            let needed = (i & 3 < 3 || sx - spacing >= width) && (i >> 2 < 3 || sy - spacing >= height);
+            let inside = sx < width && sy < height;
+            if needed && (inside || self.wrap == wrap::REPEAT) {
+                range = range.including(self.entry(level - 1, sx % width, sy % height));
+            }
+            i += 1;
+        }
+        range
+    }
+
+    /// The entry of `level` at texel (x, y).
+    #[inline]
+    fn entry(&self, level: u32, x: u32, y: u32) -> TexelRange {
+        let Displacement { map_width, map_height, first_range, .. } = self.map;
+        if level == 0 {
+            let (x1, y1) = (next_texel(x, map_width, self.wrap), next_texel(y, map_height, self.wrap));
+            let (top, bottom) = (y * map_width, y1 * map_width);
+            let (a, b) = (self.texel(top + x), self.texel(top + x1));
+            let (c, d) = (self.texel(bottom + x), self.texel(bottom + x1));
+            return TexelRange { min: a.min(b).min(c.min(d)), max: a.max(b).max(c.max(d)) };
+        }
+        let entry = (y >> level) * entries(map_width, level) + (x >> level);
+        self.stored(first_range + at(self.ranges, first_range + level), entry)
+    }
+
+    /// Entry number `entry` of a stored level whose first word is `first`.
+    #[inline]
+    fn stored(&self, first: u32, entry: u32) -> TexelRange {
+        if self.format == height_format::UNORM8 {
+            let word = at(self.ranges, first + (entry >> 1));
+            let lane = 2 * (entry & 1);
+            TexelRange { min: unorm8(word, lane), max: unorm8(word, lane + 1) }
+        } else if self.format == height_format::UNORM16 {
+            let word = at(self.ranges, first + entry);
+            TexelRange { min: unorm16(word, 0), max: unorm16(word, 1) }
+        } else {
+            let word = first + 2 * entry;
+            TexelRange {
+                min: f32::from_bits(at(self.ranges, word)),
+                max: f32::from_bits(at(self.ranges, word + 1)),
+            }
+        }
+    }
+}
+
+/// Writes word `item` of level `level` to the pyramid, and with the first one where the next level begins. What the
+/// entry point `height_pyramid` does, level by level.
 #[inline]
 pub fn build_word(
     texels: &[u32],
     ranges: &mut [u32],
     map: &Displacement,
     format: u32,
-    mode: u32,
+    wrap: u32,
     level: u32,
     item: u32,
 ) {
-    let first = level_offset(format, map.map_width, map.map_height, level);
-    let word = level_word(texels, ranges, map, format, mode, level, item);
-    put(ranges, map.first_range + first + item, word);
-    if item == 0 {
-        put(ranges, map.first_range + level, first);
+    let word = Pyramid { texels, ranges, map: *map, format, wrap }.level_word(level, item);
+    let header = map.first_range;
+    let first = if level == 1 { HEADER } else { at(ranges, header + level) };
+    put(ranges, header + first + item, word);
+    if item == 0 && level == 1 {
+        put(ranges, header + 1, HEADER);
     }
-}
-
-/// Entry number `entry` of `level`, from the level below.
-///
-/// Its square is twice as wide as those below: four of their spacings, which the entries at the first three spacings
-/// cover. Where the third one has gone round a repeated border, its square begins before what it has to cover
-/// and ends as much too early, and a fourth is needed.
-#[inline]
-fn below(
-    texels: &[u32],
-    ranges: &[u32],
-    map: &Displacement,
-    format: u32,
-    mode: u32,
-    level: u32,
-    entry: u32,
-) -> TexelRange {
-    let (width, height) = (map.map_width, map.map_height);
-    let across = entries(width, level);
-    let (x, y) = ((entry % across) << level, (entry / across) << level);
-    let spacing = 1 << (level - 1);
-    let mut range = TexelRange::EMPTY;
-    let mut i = 0;
-    while i < 16 {
-        let (sx, sy) = (x + (i & 3) * spacing, y + (i >> 2) * spacing);
-        let needed = (i & 3 < 3 || sx - spacing >= width) && (i >> 2 < 3 || sy - spacing >= height);
-        let inside = sx < width && sy < height;
-        if needed && (inside || mode == wrap::REPEAT) {
-            range =
-                range.including(read(texels, ranges, map, format, mode, level - 1, sx % width, sy % height));
-        }
-        i += 1;
-    }
-    range
-}
-
-/// The entry of `level` at texel (x, y).
-#[inline]
-#[expect(clippy::too_many_arguments, reason = "a read names the map, the level and the place")]
-fn read(
-    texels: &[u32],
-    ranges: &[u32],
-    map: &Displacement,
-    format: u32,
-    mode: u32,
-    level: u32,
-    x: u32,
-    y: u32,
-) -> TexelRange {
-    if level == 0 {
-        let (x1, y1) = (next_texel(x, map.map_width, mode), next_texel(y, map.map_height, mode));
-        let (top, bottom) = (y * map.map_width, y1 * map.map_width);
-        let texel = |i: u32| height_texel(texels, format, map.first_word, i);
-        let (a, b, c, d) = (texel(top + x), texel(top + x1), texel(bottom + x), texel(bottom + x1));
-        return TexelRange { min: a.min(b).min(c.min(d)), max: a.max(b).max(c.max(d)) };
-    }
-    let entry = (y >> level) * entries(map.map_width, level) + (x >> level);
-    entry_at(ranges, format, map.first_range + at(ranges, map.first_range + level), entry)
-}
-
-/// Entry number `entry` of a stored level whose first word is `first`.
-#[inline]
-fn entry_at(ranges: &[u32], format: u32, first: u32, entry: u32) -> TexelRange {
-    if format == height_format::UNORM8 {
-        let word = at(ranges, first + (entry >> 1));
-        let lane = 2 * (entry & 1);
-        TexelRange { min: unorm8(word, lane), max: unorm8(word, lane + 1) }
-    } else if format == height_format::UNORM16 {
-        let word = at(ranges, first + entry);
-        TexelRange { min: unorm16(word, 0), max: unorm16(word, 1) }
-    } else {
-        let word = first + 2 * entry;
-        TexelRange { min: f32::from_bits(at(ranges, word)), max: f32::from_bits(at(ranges, word + 1)) }
+    if item == 0 && level < top_level(map.map_width, map.map_height) {
+        let next = first + level_words(format, map.map_width, map.map_height, level);
+        put(ranges, header + level + 1, next);
     }
 }
 
@@ -312,89 +312,91 @@ fn remainder(i: i32, n: i32) -> i32 {
     if i < 0 { n - 1 - ((-1 - i) as u32 % n as u32) as i32 } else { (i as u32 % n as u32) as i32 }
 }
 
-/// A range that holds what a filter gives between texel coordinates `low` and `high`, to within the rounding that
-/// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read are
-/// four texels where they are all, else at most nine, or one to four entries of the lowest level at which two an axis hold
-/// them all. That range is of a box less than twice as long as the one asked for. A single entry of the next level would do too;
-/// a descent that reads one visits a third more micro-triangles and takes longer.
-#[inline]
-pub fn range_between(field: &HeightField<'_>, map: &Displacement, low: Vec2, high: Vec2) -> TexelRange {
-    let (width, height) = (map.map_width, map.map_height);
-    let x = fold(low.x, high.x, width, field.wrap);
-    let y = fold(low.y, high.y, height, field.wrap);
-    // An entry at a texel reaches at least a spacing beyond it, so that two reach twice as far.
-    let longest = x.more.max(y.more);
-    let level = if longest > 2 { ceil_log2(longest) - 1 } else { 0 };
-    let mut range = TexelRange::EMPTY;
-    if x.is_pair && y.is_pair {
-        return bilinear_range(field, map, low, high, x, y);
+impl Pyramid<'_> {
+    /// Texel `i` of the map, the first at the top left.
+    #[inline]
+    fn texel(&self, i: u32) -> f32 {
+        height_texel(self.texels, self.format, self.map.first_word, i)
     }
-    if level == 0 {
-        // At most 3 x 3 texels: fewer reads than four entries of level 0 would take.
-        let mut j = 0;
-        while j <= y.more {
-            let row = wrapped(y.first + j, height) * width;
-            let mut i = 0;
-            while i <= x.more {
-                let texel = field.texel(map, row + wrapped(x.first + i, width));
-                range = range.including(TexelRange { min: texel, max: texel });
-                i += 1;
-            }
-            j += 1;
-        }
-        return range;
-    }
-    let spacing = 1 << level;
-    let (across, down) = (x.more.max(spacing) - spacing, y.more.max(spacing) - spacing);
-    let first = map.first_range + at(field.ranges, map.first_range + level);
-    let columns = entries(width, level);
-    let (left, right) = (x.first >> level, wrapped(x.first + across, width) >> level);
-    let (top, bottom) = (y.first >> level, wrapped(y.first + down, height) >> level);
-    range = entry_at(field.ranges, field.format, first, top * columns + left);
-    if across > 0 {
-        range = range.including(entry_at(field.ranges, field.format, first, top * columns + right));
-    }
-    if down > 0 {
-        range = range.including(entry_at(field.ranges, field.format, first, bottom * columns + left));
-        if across > 0 {
-            range = range.including(entry_at(field.ranges, field.format, first, bottom * columns + right));
-        }
-    }
-    range
-}
 
-/// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there, so
-/// that its extremes are at the corners of the box. However small the box, the range is as small; that of the texels
-/// would not be.
-#[inline]
-fn bilinear_range(
-    field: &HeightField<'_>,
-    map: &Displacement,
-    low: Vec2,
-    high: Vec2,
-    x: Stretch,
-    y: Stretch,
-) -> TexelRange {
-    let (nearer_x, farther_x) = (x.first, wrapped(x.first + x.more, map.map_width));
-    let (nearer_y, farther_y) = (y.first, wrapped(y.first + y.more, map.map_height));
-    let (left, right) = if x.reversed { (farther_x, nearer_x) } else { (nearer_x, farther_x) };
-    let (top, bottom) = if y.reversed { (farther_y, nearer_y) } else { (nearer_y, farther_y) };
-    let (top, bottom) = (top * map.map_width, bottom * map.map_width);
-    let (a, b) = (field.texel(map, top + left), field.texel(map, top + right));
-    let (c, d) = (field.texel(map, bottom + left), field.texel(map, bottom + right));
-    let origin = Vec2::new(floor(low.x), floor(low.y));
-    let (from, to) = (low - origin, high - origin);
-    let mut range = TexelRange::EMPTY;
-    let mut i = 0;
-    while i < 4 {
-        let s = if i & 1 == 0 { from.x } else { to.x };
-        let t = if i & 2 == 0 { from.y } else { to.y };
-        let (upper, lower) = (fma(s, b - a, a), fma(s, d - c, c));
-        let value = fma(t, lower - upper, upper);
-        range = range.including(TexelRange { min: value, max: value });
-        i += 1;
+    /// A range that holds what a filter gives between texel coordinates `low` and `high`, to within the rounding that
+    /// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read are
+    /// four texels where they are all, else at most nine, or one to four entries of the lowest level at which two an axis hold
+    /// them all. That range is of a box less than twice as long as the one asked for. A single entry of the next level would do too;
+    /// a descent that reads one visits a third more micro-triangles and takes longer.
+    #[inline]
+    pub fn range_between(&self, low: Vec2, high: Vec2) -> TexelRange {
+        let Displacement { map_width: width, map_height: height, first_range, .. } = self.map;
+        let x = fold(low.x, high.x, width, self.wrap);
+        let y = fold(low.y, high.y, height, self.wrap);
+        // An entry at a texel reaches at least a spacing beyond it, so that two reach twice as far.
+        let longest = x.more.max(y.more);
+        let level = if longest > 2 { ceil_log2(longest) - 1 } else { 0 };
+        let mut range = TexelRange::EMPTY;
+        if x.is_pair && y.is_pair {
+            return self.bilinear_range(low, high, x, y);
+        }
+        if level == 0 {
+            // At most 3 x 3 texels: fewer reads than four entries of level 0 would take.
+            let mut j = 0;
+            while j <= y.more {
+                let row = wrapped(y.first + j, height) * width;
+                let mut i = 0;
+                while i <= x.more {
+                    let texel = self.texel(row + wrapped(x.first + i, width));
+                    range = range.including(TexelRange { min: texel, max: texel });
+                    i += 1;
+                }
+                j += 1;
+            }
+            return range;
+        }
+        let spacing = 1 << level;
+        let (across, down) = (x.more.max(spacing) - spacing, y.more.max(spacing) - spacing);
+        let first = first_range + at(self.ranges, first_range + level);
+        let columns = entries(width, level);
+        let (left, right) = (x.first >> level, wrapped(x.first + across, width) >> level);
+        let (top, bottom) = (y.first >> level, wrapped(y.first + down, height) >> level);
+        range = self.stored(first, top * columns + left);
+        if across > 0 {
+            range = range.including(self.stored(first, top * columns + right));
+        }
+        if down > 0 {
+            range = range.including(self.stored(first, bottom * columns + left));
+            if across > 0 {
+                range = range.including(self.stored(first, bottom * columns + right));
+            }
+        }
+        range
     }
-    range
+
+    /// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there, so
+    /// that its extremes are at the corners of the box. However small the box, the range is as small; that of the texels
+    /// would not be.
+    #[inline]
+    fn bilinear_range(&self, low: Vec2, high: Vec2, x: Stretch, y: Stretch) -> TexelRange {
+        let map = self.map;
+        let (nearer_x, farther_x) = (x.first, wrapped(x.first + x.more, map.map_width));
+        let (nearer_y, farther_y) = (y.first, wrapped(y.first + y.more, map.map_height));
+        let (left, right) = if x.reversed { (farther_x, nearer_x) } else { (nearer_x, farther_x) };
+        let (top, bottom) = if y.reversed { (farther_y, nearer_y) } else { (nearer_y, farther_y) };
+        let (top, bottom) = (top * map.map_width, bottom * map.map_width);
+        let (a, b) = (self.texel(top + left), self.texel(top + right));
+        let (c, d) = (self.texel(bottom + left), self.texel(bottom + right));
+        let origin = Vec2::new(floor(low.x), floor(low.y));
+        let (from, to) = (low - origin, high - origin);
+        let mut range = TexelRange::EMPTY;
+        let mut i = 0;
+        while i < 4 {
+            let s = if i & 1 == 0 { from.x } else { to.x };
+            let t = if i & 2 == 0 { from.y } else { to.y };
+            let (upper, lower) = (fma(s, b - a, a), fma(s, d - c, c));
+            let value = fma(t, lower - upper, upper);
+            range = range.including(TexelRange { min: value, max: value });
+            i += 1;
+        }
+        range
+    }
 }
 
 /// A texel less than two periods from the map's first one.
@@ -421,6 +423,7 @@ pub fn height_bounds(field: &HeightField<'_>, vertices: &[Vertex], triangle: Tri
 /// [`height_bounds`] for the convex hull of any texture coordinates.
 pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uvs: &[Vec2]) -> (f32, f32) {
     let map = field.displacement(displacement);
+    let pyramid = field.pyramid(map);
     let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
     let mut greatest = Vec2::ZERO;
     for &uv in uvs {
@@ -441,16 +444,7 @@ pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uvs: &[Vec2]) -
         let mut i = 0;
         while i <= across {
             let (tx, ty) = ((x.first + i) % map.map_width, (y.first + j) % map.map_height);
-            range = range.including(read(
-                field.texels,
-                field.ranges,
-                &map,
-                field.format,
-                field.wrap,
-                level,
-                tx,
-                ty,
-            ));
+            range = range.including(pyramid.entry(level, tx, ty));
             i += stride;
         }
         j += stride;
@@ -541,7 +535,7 @@ mod tests {
             }
         };
         let (x, y) = (folded(x, map.map_width), folded(y, map.map_height));
-        field.texel(map, y as u32 * map.map_width + x as u32)
+        field.pyramid(*map).texel(y as u32 * map.map_width + x as u32)
     }
 
     fn sizes() -> [(u32, u32); 9] {
@@ -560,7 +554,7 @@ mod tests {
             for level in 0..=top_level(width, height) {
                 let (columns, rows) = (((width - 1) >> level) + 1, ((height - 1) >> level) + 1);
                 for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x << level, y << level))) {
-                    let entry = read(field.texels, field.ranges, map, format, mode, level, x, y);
+                    let entry = field.pyramid(*map).entry(level, x, y);
                     let last = 2 << level;
                     let mut expected = TexelRange::EMPTY;
                     // Where the map does not repeat squares end with it.
@@ -602,7 +596,7 @@ mod tests {
                 let size = Vec2::new(numbers.unit(), numbers.unit()) * (numbers.unit() * 7.0).exp2();
                 let centre = numbers.vec3().truncate() * 100.0;
                 let (low, high) = (centre - size * 0.5, centre + size * 0.5);
-                let range = range_between(&field, map, low, high);
+                let range = field.pyramid(*map).range_between(low, high);
                 let (from, to) = (low.floor().as_ivec2(), high.floor().as_ivec2() + glam::IVec2::ONE);
                 // What a filter gives in the box, from the definition of the endless map.
                 for _ in 0..8 {

@@ -26,7 +26,7 @@
 
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
-use crate::displacement::height_pyramid::{range_between, texel_coordinates, texel_error};
+use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
 use crate::interface::{Displacement, normals};
@@ -36,7 +36,7 @@ use crate::scene::SceneView;
 use core::ops::{Add, Mul, Sub};
 use glam::{Vec2, Vec3, Vec4};
 
-/// The nearer of `nearest` and the ray's hits on the micro-triangles of `base`; with `any`, the first hit that is
+/// The nearer of `nearest` and the ray's hits on the micro-triangles of base triangle `primitive`; with `any`, the first hit that is
 /// found ends the descent.
 ///
 /// Equal to brute force on every ray. Cost: O(log N) nodes where the ray crosses the relief at one place, O(N) where it
@@ -96,7 +96,7 @@ fn intersect_leaf(
     while i < point_count {
         let (j, k) = node.leaf_point(i);
         if j + k <= n {
-            points[i as usize] = base.micro_vertex(field, j, k).position;
+            points[i as usize] = base.micro_vertex(field, j, k);
         }
         i += 1;
     }
@@ -486,7 +486,7 @@ impl Prism {
         let (t0, t1, t2) = (self.texel.at(j0, k0), self.texel.at(j1, k1), self.texel.at(j2, k2));
         let low = t0.min(t1).min(t2) - self.texel_error;
         let high = t0.max(t1).max(t2) + self.texel_error;
-        let texels = range_between(field, &self.map, low, high);
+        let texels = field.pyramid(self.map).range_between(low, high);
         let (least, greatest) =
             Displacement::height_range(texels.min, texels.max, self.map.zero, self.map.scale);
 
@@ -719,7 +719,7 @@ mod tests {
                     (node.j + a, node.k + b)
                 };
                 if j + k <= n {
-                    positions.push(base.micro_vertex(field, j, k).position);
+                    positions.push(base.micro_vertex(field, j, k));
                 }
             }
         }

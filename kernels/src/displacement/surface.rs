@@ -3,12 +3,13 @@
 use crate::aabb::Aabb;
 use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
+use crate::displacement::height_pyramid::Pyramid;
 use crate::hit::Hit;
 use crate::interface::{Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Triangle, normals};
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
-use crate::texture::{height_texel, sample_height};
+use crate::texture::sample_height;
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
@@ -58,10 +59,10 @@ impl<'a> HeightField<'a> {
         at(self.displacements, i)
     }
 
-    /// Texel `i` of a map, the first at the top left.
+    /// A map of its with the map's pyramid.
     #[inline]
-    pub fn texel(&self, map: &Displacement, i: u32) -> f32 {
-        height_texel(self.texels, self.format, map.first_word, i)
+    pub fn pyramid(&self, map: Displacement) -> Pyramid<'a> {
+        Pyramid { texels: self.texels, ranges: self.ranges, map, format: self.format, wrap: self.wrap }
     }
 
     /// Height in model units that a map gives at texture coordinates `uv`, which must be finite.
@@ -118,16 +119,6 @@ pub struct BaseTriangle {
     pub map: Displacement,
     /// Index of its [`Seams`], or [`NO_SEAMS`].
     pub seams: u32,
-}
-
-/// A vertex of the surface, over a point of the base triangle's grid.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MicroVertex {
-    /// Where it is: `p + lift * n`, p and n interpolated linearly over the base triangle.
-    pub position: Vec3,
-    /// How many times n it is lifted by. Normalised directions: its height divided by the length of n, 0 where n is
-    /// zero or all but, since there is no direction to displace in. Linear directions: its height.
-    pub lift: f32,
 }
 
 /// An interpolated normal no longer than this has no direction: its square is near what floats can hold, or rounding.
@@ -188,13 +179,15 @@ impl BaseTriangle {
         at(field.seams, self.seams)
     }
 
-    /// The micro-vertex over grid point (j, k).
+    /// The micro-vertex over grid point (j, k), at `p + lift * n`, p and n interpolated linearly over the base triangle. The
+    /// lift is the height for linear directions; for normalised ones it is the height divided by the length of n, and 0
+    /// where n is zero or all but, since there is no direction to displace in.
     ///
     /// Every operation is fused or fixed in order, and [`interpolate`] drops the vertex across an edge, so both
     /// base triangles at an edge compute its micro-vertices to the same bits: from the vertices where they share them,
     /// from [`Seams`] where they do not.
     #[inline]
-    pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> MicroVertex {
+    pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> Vec3 {
         let n = field.subdivisions;
         let w = grid_point(j, k, n);
         let p = interpolate(w, self.p0, self.p1, self.p2);
@@ -209,7 +202,7 @@ impl BaseTriangle {
             let length = sqrt(dot(site.direction, site.direction));
             if length > NO_DIRECTION { h / length } else { 0.0 }
         };
-        MicroVertex { position: fma3(lift, site.direction, p), lift }
+        fma3(lift, site.direction, p)
     }
 
     /// What decides the micro-vertex at `w`, a point of the triangle's border; `inner` where that is the triangle itself.
@@ -268,9 +261,9 @@ impl BaseTriangle {
 
     /// The three micro-vertices of a cell, in its order.
     #[inline]
-    pub fn micro_triangle(&self, field: &HeightField<'_>, cell: Cell) -> [MicroVertex; 3] {
+    pub fn micro_triangle(&self, field: &HeightField<'_>, cell: Cell) -> [Vec3; 3] {
         // A loop, so that the code of a micro-vertex stands in a kernel once and not three times.
-        let mut corners = [MicroVertex::default(); 3];
+        let mut corners = [Vec3::ZERO; 3];
         let mut e = 0;
         while e < 3 {
             let (j, k) = cell.vertex(e);
@@ -521,7 +514,7 @@ mod tests {
             let n = scene.frame.subdivisions;
             for j in 0..=n {
                 for k in 0..=n - j {
-                    let q = base.micro_vertex(&field, j, k).position;
+                    let q = base.micro_vertex(&field, j, k);
                     assert!(
                         q.cmpge(bounds.min).all() && q.cmple(bounds.max).all(),
                         "{q} {bounds:?} {base:?}"
@@ -565,9 +558,8 @@ mod tests {
         let base = BaseTriangle::load(&scene.view(), 0);
         assert_eq!(base.shortest_normal(), 0.0);
         // Halfway along the edge from vertex 0 to vertex 1.
-        let middle = base.micro_vertex(&field, 1, 0);
-        assert_eq!((middle.lift, middle.position), (0.0, Vec3::new(0.0, -1.0, 0.0)));
-        assert_eq!(base.micro_vertex(&field, 0, 0).position, Vec3::new(-1.0, -1.0, 1.0));
+        assert_eq!(base.micro_vertex(&field, 1, 0), Vec3::new(0.0, -1.0, 0.0));
+        assert_eq!(base.micro_vertex(&field, 0, 0), Vec3::new(-1.0, -1.0, 1.0));
     }
 
     #[test]

@@ -101,8 +101,8 @@ pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers, adversarial: bool
         let k = (numbers.unit() * (n - j) as f32) as u32;
         let view = prism.view();
         let field = HeightField::new(&view, FEATURES);
-        let a = base.micro_vertex(&field, j, k).position;
-        let b = base.micro_vertex(&field, j, k + 1).position;
+        let a = base.micro_vertex(&field, j, k);
+        let b = base.micro_vertex(&field, j, k + 1);
         target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };
     }
     let kind = numbers.unit() * if adversarial { 1.0 } else { 0.8 };

@@ -332,7 +332,7 @@ mod tests {
                     [(_, p), (m, q)] => (key(p), key(q), m),
                     _ => continue,
                 };
-                let position = base.micro_vertex(&field, j, k).position;
+                let position = base.micro_vertex(&field, j, k);
                 border.entry(place).or_default().push(key(position));
             }
         }
@@ -434,11 +434,11 @@ mod tests {
         let half = 2.0 * std::f32::consts::FRAC_1_SQRT_2;
         // On the fold both ends and the middle are lifted by 2 towards (0, 1, 1); the corner across by its own 1.
         for (j, x) in [(0, 0.0), (2, 2.0), (4, 4.0)] {
-            let position = base.micro_vertex(&field, j, 0).position;
+            let position = base.micro_vertex(&field, j, 0);
             assert!(position.abs_diff_eq(Vec3::new(x, half, half), 4e-7), "{position}");
         }
-        assert_eq!(base.micro_vertex(&field, 0, 4).position, Vec3::new(0.0, 4.0, 1.0));
-        assert_eq!(base.micro_vertex(&field, 1, 1).position, Vec3::new(1.0, 1.0, 1.0));
+        assert_eq!(base.micro_vertex(&field, 0, 4), Vec3::new(0.0, 4.0, 1.0));
+        assert_eq!(base.micro_vertex(&field, 1, 1), Vec3::new(1.0, 1.0, 1.0));
         // Ranges hold what they are of.
         let seams = job.buffers.seams[0];
         assert_eq!((seams.flags & 7, seams.heights), (3, [2.0, 2.0, 0.0]));

@@ -1,0 +1,132 @@
+//! A pipeline holds the code that its scene needs and no other: the committed module, specialised as a driver does it,
+//! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
+//! out what cannot be reached.
+
+use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade};
+use emboss_kernels::scene::Features;
+use rspirv::dr::{Module, Operand};
+use rspirv::spirv::{Decoration, Word};
+use std::collections::BTreeSet;
+use std::process::Command;
+use xtask::{MODULE_PATH, module, workspace};
+
+/// Lit, with all that a picture can have.
+const ALL: Features = Features {
+    method: method::QUADTREE,
+    shade: shade::LIT,
+    shadows: 1,
+    height_format: height_format::UNORM8,
+    color_format: color_format::SRGB8,
+    height_wrap: 0,
+    color_wrap: 0,
+    counters: 1,
+    normals: normals::NORMALIZED,
+    seams: 1,
+};
+
+/// What is left of an entry point.
+#[derive(Debug)]
+struct Code {
+    instructions: usize,
+    /// The bindings that it reads or writes.
+    bindings: BTreeSet<u32>,
+}
+
+/// The committed module.
+fn committed() -> Module {
+    module::parse(&std::fs::read(workspace().join(MODULE_PATH)).unwrap()).unwrap()
+}
+
+/// The same, specialised.
+fn specialized(features: Features) -> Module {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("specialized.spv");
+    let constants: Vec<String> =
+        features.to_array().iter().enumerate().map(|(id, value)| format!("{id}:{value}")).collect();
+    let passes = [
+        "--freeze-spec-const",
+        "--fold-spec-const-op-composite",
+        "--ccp",
+        "--eliminate-dead-branches",
+        "--eliminate-dead-code-aggressive",
+    ];
+    let mut command = Command::new("spirv-opt");
+    command.arg(format!("--set-spec-const-default-value={}", constants.join(" "))).args(passes);
+    let ran = command.arg(workspace().join(MODULE_PATH)).arg("-o").arg(&output).output();
+    let ran = ran.expect("this test needs spirv-opt, which `cargo xtask test packages` installs");
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    module::parse(&std::fs::read(output).unwrap()).unwrap()
+}
+
+/// The code of an entry point, which has all it calls inlined.
+fn code(module: &Module, entry_point: &str) -> Code {
+    let mut entries = module.entry_points.iter();
+    let entry = entries.find(|entry| entry.operands[2] == Operand::from(entry_point)).unwrap();
+    let is_entry = |id: Option<Word>| id == Some(entry.operands[1].unwrap_id_ref());
+    let function = module.functions.iter().find(|function| is_entry(function.def_id())).unwrap();
+    let read: BTreeSet<Word> = function
+        .all_inst_iter()
+        .flat_map(|instruction| &instruction.operands)
+        .filter_map(|operand| match operand {
+            Operand::IdRef(id) => Some(*id),
+            _ => None,
+        })
+        .collect();
+    let bound =
+        module::decorated(module, Decoration::Binding).filter(|(variable, _)| read.contains(variable));
+    Code {
+        instructions: function.all_inst_iter().count(),
+        bindings: bound.map(|(_, binding)| binding).collect(),
+    }
+}
+
+/// Asserts that `with` reads `unread`, and `without` does not.
+fn assert_unread(with: &Code, without: &Code, unread: &[u32]) {
+    for binding in unread {
+        let needed = with.bindings.contains(binding) && !without.bindings.contains(binding);
+        assert!(needed, "binding {binding}: {with:?}, {without:?}");
+    }
+}
+
+#[test]
+fn scenes_without_seams_have_no_code_for_them() {
+    for method in [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE] {
+        let [welded, plain] = [1, 0].map(|seams| specialized(Features { method, seams, ..ALL }));
+        for entry_point in ["render", "trace_rays"] {
+            let (with, without) = (code(&welded, entry_point), code(&plain, entry_point));
+            assert_unread(&with, &without, &[binding::SEAMS, binding::SEAM_SIDES]);
+            assert!(without.instructions < with.instructions, "{entry_point}: {with:?}, {without:?}");
+        }
+    }
+}
+
+#[test]
+fn features_that_are_off_leave_no_code() {
+    let with = code(&specialized(ALL), "render");
+    let off: [(Features, &[u32]); 5] = [
+        (Features { shadows: 0, ..ALL }, &[]),
+        (Features { color_format: color_format::NONE, ..ALL }, &[binding::COLOR_TEXELS]),
+        (Features { normals: normals::LINEAR, ..ALL }, &[]),
+        (Features { shade: shade::NORMAL, ..ALL }, &[binding::LIGHTS, binding::COLOR_TEXELS]),
+        (Features { counters: 0, ..ALL }, &[]),
+    ];
+    for (features, unread) in off {
+        let without = code(&specialized(features), "render");
+        assert_unread(&with, &without, unread);
+        assert!(without.instructions < with.instructions, "{features:?}: {without:?}, {with:?}");
+    }
+}
+
+/// Of the methods a pipeline holds one.
+#[test]
+fn methods_that_are_not_chosen_leave_no_code() {
+    let [quadtree, grid_walk, brute_force, none] =
+        [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE, method::NONE]
+            .map(|method| code(&specialized(Features { method, ..ALL }), "render"));
+    assert_unread(&quadtree, &grid_walk, &[binding::HEIGHT_RANGES]);
+    assert_unread(&quadtree, &none, &[binding::HEIGHT_RANGES, binding::SEAMS, binding::SEAM_SIDES]);
+    let all = code(&committed(), "render").instructions;
+    let own = |method: &Code| method.instructions - none.instructions;
+    let sum = own(&quadtree) + own(&grid_walk) + own(&brute_force) + none.instructions;
+    assert!(all > sum, "{all} instructions before, {sum} together");
+}
