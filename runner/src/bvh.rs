@@ -53,6 +53,24 @@ impl Bvh {
         Bvh { nodes: builder.nodes, primitives }
     }
 
+    /// The tree over those of `boxes` whose coordinates are all finite, and how many are left out. Where none is left the
+    /// tree is a root that nothing hits.
+    pub fn build_over_finite(boxes: &[Aabb]) -> (Bvh, u32) {
+        let is_finite = |bounds: &Aabb| bounds.min.is_finite() && bounds.max.is_finite();
+        if boxes.iter().all(is_finite) {
+            return (Bvh::build(boxes), 0);
+        }
+        let kept: Vec<u32> = (0..).zip(boxes).filter(|(_, b)| is_finite(b)).map(|(i, _)| i).collect();
+        let kept_boxes: Vec<Aabb> = kept.iter().map(|&i| boxes[i as usize]).collect();
+        let mut bvh = Bvh::build(&kept_boxes);
+        bvh.primitives.iter_mut().for_each(|primitive| *primitive = kept[*primitive as usize]);
+        if bvh.nodes.is_empty() {
+            let Aabb { min, max } = Aabb::EMPTY;
+            bvh.nodes.push(BvhNode { min, max, first: 0, count: 0 });
+        }
+        (bvh, index(boxes.len() - kept.len()))
+    }
+
     /// The box around everything; empty for an empty tree.
     pub fn bounds(&self) -> Aabb {
         self.nodes.first().map_or(Aabb::EMPTY, |root| Aabb { min: root.min, max: root.max })
@@ -305,6 +323,20 @@ mod tests {
         boxes.push(Aabb { min: Vec3::ZERO, max: Vec3::INFINITY });
         boxes.push(Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) });
         built(&boxes);
+    }
+
+    #[test]
+    fn boxes_that_are_not_finite_are_left_out() {
+        let mut boxes = random_boxes(5);
+        boxes[1].min.y = f32::NAN;
+        boxes[3].max.z = f32::INFINITY;
+        let (bvh, left_out) = Bvh::build_over_finite(&boxes);
+        let mut kept = bvh.primitives.clone();
+        kept.sort_unstable();
+        assert_eq!((kept, left_out), (vec![0, 2, 4], 2));
+        assert!(bvh.bounds().min.is_finite() && bvh.bounds().max.is_finite());
+        let (nothing, left_out) = Bvh::build_over_finite(&boxes[1..2]);
+        assert_eq!((nothing.bounds(), nothing.primitives.len(), left_out), (Aabb::EMPTY, 0, 1));
     }
 
     #[test]

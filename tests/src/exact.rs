@@ -1,9 +1,10 @@
 //! Whether a backend's nearest hits are those of the micro-triangle surface: rays by the million, judged by the oracle.
 
 use crate::oracle::{Clarity, Oracle};
-use crate::{Numbers, RaySource, scenes};
+use crate::scenes::{self, ReadyJob};
+use crate::{Numbers, RaySource};
 use emboss::backend::{Backend, SceneBuffers};
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::{Normals, Settings, Weld, Wrap};
 use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_format, method};
@@ -97,7 +98,7 @@ impl Tallies {
 ///
 /// # Panics
 /// Where one is not what rounding can make of the exact answer.
-pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Tally {
+pub fn judge(job: &ReadyJob, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Tally {
     assert_eq!(rays.len(), hits.len(), "each ray has an answer");
     let one = |(ray, hit): (&Ray, &Intersection)| {
         let answer = oracle.trace(ray);
@@ -191,7 +192,7 @@ impl Court<'_> {
     }
 
     /// One scene, by `count` rays of all kinds, which must have been a test.
-    pub fn judge_job(&mut self, job: &Job, seed: u64, count: usize) {
+    pub fn judge_job(&mut self, job: &ReadyJob, seed: u64, count: usize) {
         let oracle = (self.oracle)(&job.buffers, &job.frame, job.features);
         judge_rays(job, &oracle, self.backend, seed, count).assert_telling();
     }
@@ -202,7 +203,13 @@ impl Court<'_> {
 ///
 /// # Panics
 /// Where an answer is wrong, or the backend fails.
-fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, count: usize) -> Tallies {
+fn judge_rays(
+    job: &ReadyJob,
+    oracle: &Oracle,
+    backend: &mut dyn Backend,
+    seed: u64,
+    count: usize,
+) -> Tallies {
     let features = Features { method: method::QUADTREE, ..job.features };
     backend.load(&job.buffers, &job.frame, features).expect("a test's scene fits");
     let mut tallies = Tallies::default();
@@ -240,7 +247,7 @@ fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, 
 
 /// So many rays, made on all threads, the same on any number of them; `make` is told the number of the ray.
 fn rays(
-    job: &Job,
+    job: &ReadyJob,
     seed: u64,
     count: usize,
     make: impl Fn(&mut RaySource<'_>, usize) -> Ray + Sync,

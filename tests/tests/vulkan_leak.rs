@@ -5,12 +5,12 @@
 
 use emboss::backend::Backend;
 use emboss::backend::vulkan::{Selection, VulkanBackend};
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::Relief;
 use emboss::settings::{Normals, Settings, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::meshes::{self, Solid};
-use emboss_tests::scenes::{WildMap, job};
+use emboss_tests::scenes::{ReadyJob, WildMap, job};
 use emboss_tests::{LeakRays, Numbers, finish, lavapipe};
 use glam::Vec3;
 use std::env;
@@ -21,7 +21,7 @@ const PLACES: [(f64, f64); 4] = [(1.0, 0.0), (1e-6, 1e2), (1e6, 1.0), (1.0, 1e2)
 const SUBDIVISIONS: [u32; 5] = [1, 3, 7, 64, 1000];
 
 /// Every solid at every place for every N, with the points that rays start from.
-fn scenes() -> Vec<(String, Job, Vec<Vec3>)> {
+fn scenes() -> Vec<(String, ReadyJob, Vec<Vec3>)> {
     let solids: [(&str, Solid); 4] = [
         ("sphere", meshes::icosphere(2)),
         ("cube", meshes::cube()),
@@ -62,7 +62,7 @@ fn scenes() -> Vec<(String, Job, Vec<Vec3>)> {
 #[expect(clippy::print_stdout, reason = "the long mode takes hours and says how far it is")]
 fn assert_closed(
     backend: &mut VulkanBackend,
-    scenes: &[(String, Job, Vec<Vec3>)],
+    scenes: &[(String, ReadyJob, Vec<Vec3>)],
     rays: usize,
     batch: usize,
 ) {
@@ -91,7 +91,7 @@ fn closed_meshes_are_closed_on_a_device() {
         // Some of each, since a device takes seconds to make its pipelines for a scene. Not those that take most work:
         // lavapipe leaves all loops of eight rays after 65535 iterations together (LP_MAX_TGSI_LOOP_ITERATIONS), and what
         // they would have found then is missed.
-        let is_light = |job: &Job| job.frame.subdivisions < 64;
+        let is_light = |job: &ReadyJob| job.frame.subdivisions < 64;
         let some: Vec<_> = scenes().into_iter().filter(|(_, job, _)| is_light(job)).step_by(7).collect();
         assert_closed(&mut backend, &some, 100_000, 1 << 16);
         finish(backend);
