@@ -1,6 +1,6 @@
 //! Axis-aligned boxes.
 
-use crate::math::gamma;
+use crate::math::{gamma, put};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -33,6 +33,18 @@ impl Aabb {
     #[inline]
     pub fn intersection(self, other: Aabb) -> Aabb {
         Aabb { min: self.min.max(other.min), max: self.max.min(other.max) }
+    }
+
+    /// Writes it as box number `i` of a buffer of six floats each, the lower corner first.
+    #[inline]
+    pub fn store(self, boxes: &mut [f32], i: u32) {
+        let first = 6 * i;
+        put(boxes, first, self.min.x);
+        put(boxes, first + 1, self.min.y);
+        put(boxes, first + 2, self.min.z);
+        put(boxes, first + 3, self.max.x);
+        put(boxes, first + 4, self.max.y);
+        put(boxes, first + 5, self.max.z);
     }
 
     /// Distance at which the ray enters the box, at least 0; infinite where it misses it within `t_max`.

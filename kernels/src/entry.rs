@@ -10,7 +10,9 @@ pub mod bvh;
 use crate::bvh::radix_sort::{self, Pairs};
 use crate::bvh::scan;
 use crate::counters::Counts;
-use crate::displacement::height_pyramid::build_word;
+use crate::displacement::height_pyramid::{build_word, height_bounds};
+use crate::displacement::seams;
+use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
     Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, PyramidPart, Ray,
     SeamSide, Seams, SortPass, Tile, Triangle, Vertex, counter,
@@ -181,6 +183,134 @@ pub fn height_pyramid(
         let map = at(displacements, part.displacement);
         let item = part.first + id.x;
         build_word(height_texels, height_ranges, &map, height_format, height_wrap, part.level, item);
+    }
+}
+
+/// Bounds the heights over some triangles.
+#[spirv(compute(threads(64), entry_point_name = "bound_heights"))]
+pub fn bound_heights(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &mut [Triangle],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &[Seams],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+) {
+    if id.x < batch.count {
+        let i = batch.first + id.x;
+        let features = Features { height_format, height_wrap, ..Features::default() };
+        let scene = SceneView {
+            frame,
+            vertices,
+            triangles: &*triangles,
+            nodes,
+            primitives,
+            displacements,
+            height_texels,
+            height_ranges,
+            seams,
+            seam_sides,
+            color_texels,
+            lights,
+        };
+        let mut triangle = at(scene.triangles, i);
+        let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
+        (triangle.height_min, triangle.height_max) = (low, high);
+        put(triangles, i, triangle);
+    }
+}
+
+/// Decides the heights of some seams.
+#[spirv(compute(threads(64), entry_point_name = "decide_seams"))]
+pub fn decide_seams(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &mut [Seams],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+) {
+    if id.x < batch.count {
+        let i = batch.first + id.x;
+        let features = Features { height_format, height_wrap, ..Features::default() };
+        let scene = SceneView {
+            frame,
+            vertices,
+            triangles,
+            nodes,
+            primitives,
+            displacements,
+            height_texels,
+            height_ranges,
+            seams: &*seams,
+            seam_sides,
+            color_texels,
+            lights,
+        };
+        let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
+        put(seams, i, decided);
+    }
+}
+
+/// Computes the boxes of some prisms. Their heights must be bounded and their seams decided.
+#[spirv(compute(threads(64), entry_point_name = "prism_bounds"))]
+pub fn prism_bounds(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
+    #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &[Seams],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
+) {
+    if id.x < batch.count {
+        let i = batch.first + id.x;
+        let features = Features { normals, seams: welded, ..Features::default() };
+        let scene = SceneView {
+            frame,
+            vertices,
+            triangles,
+            nodes,
+            primitives,
+            displacements,
+            height_texels,
+            height_ranges,
+            seams,
+            seam_sides,
+            color_texels,
+            lights,
+        };
+        surface::prism_bounds(&scene, features, i).store(boxes, i);
     }
 }
 

@@ -14,7 +14,7 @@ pub mod binding {
     pub const FRAME: u32 = 0;
     /// `[Vertex]`, read.
     pub const VERTICES: u32 = 1;
-    /// `[Triangle]`, read.
+    /// `[Triangle]`; their heights are written by `bound_heights`, the rest reads them.
     pub const TRIANGLES: u32 = 2;
     /// `[BvhNode]`, read.
     pub const NODES: u32 = 3;
@@ -27,7 +27,7 @@ pub mod binding {
     /// `[u32]`: the height maps' min/max pyramids, see [`height_pyramid`](crate::displacement::height_pyramid);
     /// written by `height_pyramid`, read by the rest.
     pub const HEIGHT_RANGES: u32 = 7;
-    /// `[Seams]`, read.
+    /// `[Seams]`; their heights are written by `decide_seams`, the rest reads them.
     pub const SEAMS: u32 = 8;
     /// `[SeamSide]`, read.
     pub const SEAM_SIDES: u32 = 9;
@@ -211,7 +211,7 @@ pub mod counter {
 
 /// Threads of a workgroup of `render` and `resolve` along x and along y.
 pub const TILE_GROUP_SIZE: u32 = 8;
-/// Threads of a workgroup of `trace_rays`, `height_pyramid` and `probe`.
+/// Threads of a workgroup of the kernels that run over a list: rays, words, triangles, seams, probes.
 pub const BATCH_GROUP_SIZE: u32 = 64;
 /// Most workgroups of a row of a dispatch over many items; what is left goes to further rows. Every Vulkan device takes
 /// 65,535 along an axis.
@@ -254,9 +254,10 @@ pub struct Triangle {
     /// [`FLIPPED`] or 0.
     pub flags: u32,
     /// Least height of its own field over it, rounded down:
-    /// [`height_bounds`](crate::displacement::height_pyramid::height_bounds). Seams may have others.
+    /// [`height_bounds`](crate::displacement::height_pyramid::height_bounds), which backends compute. Seams may have
+    /// others.
     pub height_min: f32,
-    /// Greatest height, rounded up.
+    /// Greatest height, rounded up. Computed with `height_min`.
     pub height_max: f32,
     /// Index of its [`Displacement`].
     pub displacement: u32,
@@ -278,7 +279,8 @@ pub struct Seams {
     /// Displacement direction at each corner, a unit vector (or zero): the normalised mean of the normals there, or
     /// the vertex's own normal where the corner is not decided.
     pub directions: [[f32; 3]; 3],
-    /// Height at each decided corner: the mean over the different readings of maps there.
+    /// Height at each decided corner: the mean over the different readings of maps there. Like the ranges below,
+    /// what backends compute ([`decide_seams`](crate::displacement::seams::decide_seams)).
     pub heights: [f32; 3],
     /// Bit e: corner e is decided. Bit 3 + e: the edge across from corner e is a seam.
     pub flags: u32,
@@ -290,9 +292,13 @@ pub struct Seams {
     pub height_min: [f32; 3],
     /// Greatest height along each seam, rounded up.
     pub height_max: [f32; 3],
+    /// Each decided corner's first entry in the buffer of sides: a reading is a side of no length.
+    pub first_reading: [u32; 3],
+    /// How many different readings each decided corner has.
+    pub reading_count: [u32; 3],
 }
 
-/// What one triangle at a seam reads its heights from.
+/// What one triangle at a seam, or at a decided corner, reads its heights from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct SeamSide {
@@ -433,7 +439,7 @@ pub struct Tile {
     pub sample: u32,
 }
 
-/// How many rays or probes a batch dispatch covers, as push constants.
+/// How many items (rays, triangles, seams, probes) a batch dispatch covers, as push constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Batch {
@@ -552,7 +558,7 @@ pub struct Intersection {
 const _: () = {
     assert!(size_of::<Vertex>() == 32);
     assert!(size_of::<Triangle>() == 32);
-    assert!(size_of::<Seams>() == 100);
+    assert!(size_of::<Seams>() == 124);
     assert!(size_of::<SeamSide>() == 20);
     assert!(size_of::<BvhNode>() == 32);
     assert!(size_of::<PointLight>() == 32);

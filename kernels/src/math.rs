@@ -73,6 +73,40 @@ pub fn dot(a: Vec3, b: Vec3) -> f32 {
     fma(a.z, b.z, fma(a.y, b.y, a.x * b.x))
 }
 
+/// What [`Sum`] adds in.
+#[cfg(not(target_arch = "spirv"))]
+type Wide = f64;
+#[cfg(target_arch = "spirv")]
+type Wide = f32;
+
+/// A sum of floats: in `f64` on the CPU, in `f32` on SPIR-V, where not every device has more.
+#[derive(Clone, Copy)]
+pub struct Sum(Wide);
+
+impl Sum {
+    /// Of nothing.
+    pub const ZERO: Sum = Sum(0.0);
+
+    /// With one more summand.
+    #[inline]
+    pub fn plus(self, x: f32) -> Sum {
+        Sum(self.0 + x as Wide)
+    }
+
+    /// Divided by the number of its summands, at least 1.
+    #[inline]
+    pub fn mean(self, count: u32) -> f32 {
+        (self.0 / count as Wide) as f32
+    }
+
+    /// Bound on the error of a mean of `count` numbers, in unit roundoffs of the greatest of them: the last rounding on
+    /// the CPU; on SPIR-V one a sum, and 2.5 ulp (5 roundoffs) for the division.
+    #[inline]
+    pub fn mean_roundings(count: u32) -> u32 {
+        if cfg!(target_arch = "spirv") { count + 4 } else { 1 }
+    }
+}
+
 /// Square root; NaN below zero.
 #[inline]
 pub fn sqrt(x: f32) -> f32 {

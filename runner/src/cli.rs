@@ -12,7 +12,7 @@ use crate::backend::select::{BackendChoice, devices, open_backend};
 use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
-use crate::render::{RenderError, Rendering, check_memory, prepare, render};
+use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
 use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
@@ -318,8 +318,10 @@ impl RenderArgs {
             scene.reliefs[0].scale,
             scene.subdivisions,
         );
-        let job = prepare(scene, &settings)?;
-        tracing::debug!("BVH of {} nodes built in {:.1?}", job.buffers.nodes.len(), job.bvh_build);
+        let mut job = prepare(scene, &settings)?;
+        load(backend.as_mut(), &mut job)?;
+        let build = backend.build_report();
+        tracing::debug!("BVH of {} nodes built in {:.1?}", build.nodes, build.duration);
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);
         }
@@ -335,7 +337,7 @@ impl RenderArgs {
         warn_of_caps(&rendering);
         destination.write(&rendering.picture)?;
         if let Some(path) = &self.stats {
-            Stats::new(&job, &rendering, backend.device(), used).write(path)?;
+            Stats::new(&job, &rendering, build, backend.device(), used).write(path)?;
         }
         if rendering.interrupted {
             return Err(CliError::Interrupted(destination.path));

@@ -1,4 +1,5 @@
-//! The height maps of a scene as the kernels read them: texels one map behind the other, and their min/max pyramids.
+//! The height maps of a scene as the kernels read them: texels one map behind the other, with room for a min/max pyramid
+//! of each, which backends build.
 
 use crate::scene::{HeightMap, Relief};
 use emboss_kernels::displacement::height_pyramid::{
@@ -14,16 +15,13 @@ pub struct Heights {
     pub displacements: Vec<Displacement>,
     /// Texels of all maps, in `format`.
     pub texels: Vec<u32>,
-    /// Pyramids of all maps.
-    pub ranges: Vec<u32>,
     /// One of [`height_format`]: the maps' own where they have the same, else floats.
     pub format: u32,
 }
 
 impl Heights {
-    /// Packs the maps of `reliefs`, at least one, and builds their pyramids for maps that go on as `wrap` says. Without
-    /// `displaced` heights are all zero.
-    pub fn pack(reliefs: Vec<Relief>, wrap: u32, displaced: bool) -> Heights {
+    /// Packs the maps of `reliefs`, at least one. Without `displaced` heights are all zero.
+    pub fn pack(reliefs: Vec<Relief>, displaced: bool) -> Heights {
         let format = common_format(&reliefs);
         let mut heights = Heights { format, ..Heights::default() };
         let (mut first_word, mut first_range) = (0, 0);
@@ -50,40 +48,38 @@ impl Heights {
                 heights.texels.extend(map.texels);
             }
         }
-        heights.build_pyramids(wrap, first_range);
         heights
     }
+}
 
-    /// Level by level, each of them in parallel.
-    fn build_pyramids(&mut self, wrap: u32, words: u32) {
-        self.ranges = vec![0; words as usize];
-        for map in &self.displacements {
-            let (width, height) = (map.map_width, map.map_height);
-            for level in 1..=top_level(width, height) {
-                let offset = level_offset(self.format, width, height, level);
-                let items = 0..level_words(self.format, width, height, level);
-                let pyramid = Pyramid {
-                    texels: &self.texels,
-                    ranges: &self.ranges,
-                    map: *map,
-                    format: self.format,
-                    wrap,
-                };
-                let built: Vec<u32> =
-                    items.into_par_iter().map(|item| pyramid.level_word(level, item)).collect();
-                let first = (map.first_range + offset) as usize;
-                self.ranges[first..first + built.len()].copy_from_slice(&built);
-                self.ranges[(map.first_range + level) as usize] = offset;
-            }
+/// Builds the pyramids of `displacements`, whose texels are in `format` and which go on as `wrap` says, where they name
+/// their places in `ranges`: level by level, each of them in parallel.
+pub fn build_pyramids(
+    displacements: &[Displacement],
+    texels: &[u32],
+    ranges: &mut [u32],
+    format: u32,
+    wrap: u32,
+) {
+    for map in displacements {
+        let (width, height) = (map.map_width, map.map_height);
+        for level in 1..=top_level(width, height) {
+            let offset = level_offset(format, width, height, level);
+            let pyramid = Pyramid { texels, ranges, map: *map, format, wrap };
+            let items = 0..level_words(format, width, height, level);
+            let built: Vec<u32> = items.into_par_iter().map(|item| pyramid.level_word(level, item)).collect();
+            let first = (map.first_range + offset) as usize;
+            ranges[first..first + built.len()].copy_from_slice(&built);
+            ranges[(map.first_range + level) as usize] = offset;
         }
     }
+}
 
-    /// Least and greatest height of all maps.
-    pub fn range(&self) -> (f32, f32) {
-        self.displacements.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), map| {
-            (low.min(map.height_min), high.max(map.height_max))
-        })
-    }
+/// Least and greatest height of all maps; of none an infinite range, the wrong way round.
+pub fn range(displacements: &[Displacement]) -> (f32, f32) {
+    displacements.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), map| {
+        (low.min(map.height_min), high.max(map.height_max))
+    })
 }
 
 /// The format that all maps have, else floats.

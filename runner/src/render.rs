@@ -1,20 +1,18 @@
-//! From a scene and settings to a picture: buffers and BVH, samples one after the other, and what it took.
+//! From a scene and settings to a picture: buffers, what the backend makes of them, the view of that, samples one after
+//! the other, and what it took.
 
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
-use crate::bvh::{Bvh, HostAabb};
-use crate::framing::{self, Framing, FramingError};
-use crate::heights::Heights;
+use crate::bvh::HostAabb;
+use crate::framing::{self, Framing, FramingError, View};
+use crate::heights::{self, Heights};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{ColorMap, Mesh, Relief};
 use crate::settings::{Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::displacement::height_pyramid::height_bounds;
-use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
 use emboss_kernels::interface::{FilmPixel, Frame, PointLight, color_format};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -39,14 +37,32 @@ pub struct Scene {
 /// A scene made ready for a backend.
 #[derive(Clone, Debug)]
 pub struct Job {
-    /// What the kernels read.
+    /// What the kernels read. Lights are there once the view is [framed](Job::frame_view).
     pub buffers: SceneBuffers,
-    /// What all pixels share.
+    /// What all pixels share. The camera is there once the view is [framed](Job::frame_view).
     pub frame: Frame,
     /// Which code is needed.
     pub features: Features,
-    /// How long the BVH took, with its boxes.
-    pub bvh_build: Duration,
+    /// What was asked of the view.
+    pub view: View,
+    /// The lights that were asked for; without any the camera has a key light.
+    pub lights: Vec<Light>,
+}
+
+impl Job {
+    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
+    /// camera as asked for.
+    pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<(), RenderError> {
+        check_extent(boxes)?;
+        let aspect = f64::from(self.frame.width) / f64::from(self.frame.height);
+        let framing = framing::frame(&self.view, boxes, aspect)?;
+        self.buffers.lights = point_lights(&self.lights, &framing);
+        (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
+        Ok(())
+    }
 }
 
 /// What comes of a job.
@@ -136,16 +152,15 @@ fn available_memory() -> Option<u64> {
     kib.checked_mul(1024)
 }
 
-/// Makes a scene ready: its seams, the bounds on its heights, its BVH, its camera and its lights.
+/// Makes a scene ready to be [loaded](load): finds its seams and packs its maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let start = Instant::now();
     let Scene { mut mesh, reliefs, color_map, subdivisions } = scene;
     check_texels(&reliefs)?;
     let seams = match settings.weld {
         Weld::On => SeamTable::find(&mut mesh),
         Weld::Off => SeamTable::default(),
     };
-    let heights = Heights::pack(reliefs, settings.wrap.id(), settings.method != Method::None);
+    let heights = Heights::pack(reliefs, settings.method != Method::None);
     let features = Features {
         method: settings.method.id(),
         shade: settings.shade.id(),
@@ -158,9 +173,9 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
     };
-    let (height_min, height_max) = heights.range();
+    let (height_min, height_max) = heights::range(&heights.displacements);
     let (color_width, color_height) = color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
-    let mut frame = Frame {
+    let frame = Frame {
         width: settings.width,
         height: settings.height,
         seed: settings.seed,
@@ -177,32 +192,25 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         height_max,
         ..Frame::default()
     };
-    let mut buffers = SceneBuffers {
+    let buffers = SceneBuffers {
         vertices: mesh.vertices,
         triangles: mesh.triangles,
         displacements: heights.displacements,
         height_texels: heights.texels,
-        height_ranges: heights.ranges,
         seams: seams.seams,
         seam_sides: seams.sides,
         color_texels: color_map.map_or_else(Vec::new, |map| map.texels),
         ..SceneBuffers::default()
     };
-    bound_heights(&mut buffers, &frame, features);
-    let boxes: Vec<Aabb> = (0..frame.triangle_count)
-        .into_par_iter()
-        .map(|primitive| prism_bounds(&buffers.view(&frame), features, primitive))
-        .collect();
-    check_extent(&boxes)?;
-    let bvh = Bvh::binned(&boxes);
-    let bvh_build = start.elapsed();
-    debug_assert_eq!(bvh.validate(&boxes).err(), None);
-    (buffers.nodes, buffers.primitives) = (bvh.nodes, bvh.primitives);
-    let aspect = f64::from(settings.width) / f64::from(settings.height);
-    let framing = framing::frame(&settings.view, &boxes, aspect)?;
-    buffers.lights = point_lights(&settings.lights, &framing);
-    (frame.camera, frame.light_count) = (framing.camera, count(buffers.lights.len()));
-    Ok(Job { buffers, frame, features, bvh_build })
+    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })
+}
+
+/// Loads a job, and looks at what the backend makes of it as was asked for: then the job has its camera and lights.
+pub fn load(backend: &mut dyn Backend, job: &mut Job) -> Result<(), RenderError> {
+    backend.load(&job.buffers, &job.frame, job.features)?;
+    job.frame_view(&backend.prism_boxes()?)?;
+    backend.set_view(&job.frame, &job.buffers.lights)?;
+    Ok(())
 }
 
 /// A length as kernels read it; meshes have 32-bit indices.
@@ -210,7 +218,7 @@ fn count(len: usize) -> u32 {
     u32::try_from(len).unwrap_or(u32::MAX)
 }
 
-/// Takes `samples` samples of every pixel. Calls `progress` with the share done (0 to 1) between tiles; `Break`
+/// Takes `samples` samples of every pixel of a loaded job. Calls `progress` with the share done (0 to 1) between tiles; `Break`
 /// ends the rendering, and the picture is what there is by then.
 pub fn render(
     backend: &mut dyn Backend,
@@ -218,7 +226,6 @@ pub fn render(
     samples: u32,
     progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
 ) -> Result<Rendering, BackendError> {
-    backend.load(&job.buffers, &job.frame, job.features)?;
     let start = Instant::now();
     let mut flow = ControlFlow::Continue(());
     for sample in 0..samples {
@@ -265,26 +272,6 @@ fn check_texels(reliefs: &[Relief]) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// Writes each triangle's own range of heights into it, and each seam's into its table: what boxes and prisms are
-/// made of.
-fn bound_heights(buffers: &mut SceneBuffers, frame: &Frame, features: Features) {
-    let mut triangles = std::mem::take(&mut buffers.triangles);
-    let mut seams = std::mem::take(&mut buffers.seams);
-    let view = buffers.view(frame);
-    let field = HeightField::new(&view, features);
-    triangles.par_iter_mut().for_each(|triangle| {
-        (triangle.height_min, triangle.height_max) = height_bounds(&field, &buffers.vertices, *triangle);
-    });
-    crate::scene::seams::decide_heights(
-        &field,
-        &buffers.vertices,
-        &triangles,
-        &mut seams,
-        &buffers.seam_sides,
-    );
-    (buffers.triangles, buffers.seams) = (triangles, seams);
-}
-
 /// The lights as the kernels read them.
 fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
     if lights.is_empty() {
@@ -320,18 +307,28 @@ mod tests {
         Settings { width: 24, height: 16, counting: true, ..Settings::default() }
     }
 
+    /// The quilt, loaded.
+    fn loaded(settings: &Settings) -> (CpuBackend, Job) {
+        let (mut backend, mut job) = (CpuBackend::new(), prepare(quilt(), settings).expect("sound maps"));
+        load(&mut backend, &mut job).expect("framed");
+        (backend, job)
+    }
+
     fn rendered(settings: &Settings, samples: u32) -> Rendering {
-        let job = prepare(quilt(), settings).expect("framed");
-        render(&mut CpuBackend::new(), &job, samples, &mut |_| ControlFlow::Continue(())).expect("fits")
+        let (mut backend, job) = loaded(settings);
+        render(&mut backend, &job, samples, &mut |_| ControlFlow::Continue(())).expect("fits")
     }
 
     #[test]
     fn without_displacement_boxes_are_flat() {
-        let flat = prepare(quilt(), &Settings { method: Method::None, ..small() }).expect("framed");
-        let displaced = prepare(quilt(), &small()).expect("framed");
-        let volume = |job: &Job| (job.buffers.nodes[0].max - job.buffers.nodes[0].min).element_product();
+        let (flat, job) = loaded(&Settings { method: Method::None, ..small() });
+        let (displaced, _) = loaded(&small());
+        let volume = |backend: &CpuBackend| {
+            let bounds = backend.scene().bvh().bounds();
+            (bounds.max - bounds.min).element_product()
+        };
         assert!(volume(&flat) < 0.01 * volume(&displaced));
-        assert_eq!(flat.buffers.displacements[0].scale, 0.0);
+        assert_eq!(job.buffers.displacements[0].scale, 0.0);
     }
 
     #[test]
@@ -369,9 +366,9 @@ mod tests {
 
     #[test]
     fn progress_runs_from_sample_to_sample() {
-        let job = prepare(quilt(), &small()).expect("framed");
+        let (mut backend, job) = loaded(&small());
         let mut shares = Vec::new();
-        let rendering = render(&mut CpuBackend::new(), &job, 4, &mut |share| {
+        let rendering = render(&mut backend, &job, 4, &mut |share| {
             shares.push(share);
             if share < 0.5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
@@ -386,11 +383,11 @@ mod tests {
 
     #[test]
     fn lights_are_the_users_or_the_key_light() {
-        let job = prepare(quilt(), &small()).expect("framed");
+        let (_, job) = loaded(&small());
         assert_eq!(job.frame.light_count, 1);
         let light = Light { position: Vec3::splat(9.0), color: Vec3::X, intensity: None };
         let lights = vec![light, Light { intensity: Some(2.0), ..light }];
-        let job = prepare(quilt(), &Settings { lights, ..small() }).expect("framed");
+        let (_, job) = loaded(&Settings { lights, ..small() });
         assert_eq!(job.frame.light_count, 2);
         assert!(job.buffers.lights[0].intensity > 2.0);
         assert_eq!(job.buffers.lights[1].intensity, 2.0);

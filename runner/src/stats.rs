@@ -1,9 +1,9 @@
 //! What a rendering took, as `--stats` writes it.
 
-use crate::backend::DeviceInfo;
+use crate::backend::{BuildReport, DeviceInfo};
 use crate::render::{Job, Rendering};
 use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
-use emboss_kernels::interface::{FilmPixel, counter};
+use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -15,7 +15,7 @@ pub struct Stats {
     pub triangles: u64,
     /// Micro-triangles of the surface: N² for each base triangle. None of them is stored.
     pub micro_triangles: u64,
-    /// Time for the boxes of the displaced triangles and the BVH over them.
+    /// Time from the height maps' pyramids over the boxes of the displaced triangles to the BVH over them.
     pub bvh_build_ms: f64,
     /// Time for all samples, without loading and without storing the picture.
     pub frame_ms: f64,
@@ -146,7 +146,13 @@ impl SettingsUsed {
 
 impl Stats {
     /// The statistics of a rendering whose work was counted ([`Settings::counting`]).
-    pub fn new(job: &Job, rendering: &Rendering, device: &DeviceInfo, settings: SettingsUsed) -> Stats {
+    pub fn new(
+        job: &Job,
+        rendering: &Rendering,
+        build: BuildReport,
+        device: &DeviceInfo,
+        settings: SettingsUsed,
+    ) -> Stats {
         let work = Work::new(rendering);
         let rays = work.primary_rays + work.shadow_rays;
         let triangles = job.buffers.triangles.len() as u64;
@@ -154,7 +160,7 @@ impl Stats {
         Stats {
             triangles,
             micro_triangles: triangles * u64::from(settings.subdivisions).pow(2),
-            bvh_build_ms: milliseconds(job.bvh_build),
+            bvh_build_ms: milliseconds(build.duration),
             frame_ms: milliseconds(rendering.elapsed),
             device_ms: rendering.device_ms,
             rays,
@@ -163,7 +169,7 @@ impl Stats {
             interrupted: rendering.interrupted,
             backend: device.backend,
             device: device.name.clone(),
-            bytes: Bytes::new(job),
+            bytes: Bytes::new(job, build),
             work,
             settings,
         }
@@ -199,15 +205,15 @@ pub struct StatsError {
 }
 
 impl Bytes {
-    fn new(job: &Job) -> Bytes {
+    fn new(job: &Job, build: BuildReport) -> Bytes {
         let buffers = &job.buffers;
         Bytes {
             vertices: bytes(&buffers.vertices),
             triangles: bytes(&buffers.triangles),
-            nodes: bytes(&buffers.nodes),
-            primitives: bytes(&buffers.primitives),
+            nodes: u64::from(build.nodes) * size_of::<BvhNode>() as u64,
+            primitives: u64::from(job.frame.triangle_count) * size_of::<u32>() as u64,
             height_texels: bytes(&buffers.height_texels),
-            height_ranges: bytes(&buffers.height_ranges),
+            height_ranges: buffers.pyramid_words(job.features) * size_of::<u32>() as u64,
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
             lights: bytes(&buffers.lights),

@@ -195,15 +195,15 @@ fn inverse_height(job: &Job, triangle: Triangle) -> f32 {
     max_abs(a).max(max_abs(b)).max(max_abs(c)) / height
 }
 
-/// A backend's picture of a job.
+/// A backend's picture of a job whose view is framed.
 ///
 /// # Panics
 /// Where the backend fails: the jobs of tests fit.
 pub fn rendered(backend: &mut dyn Backend, job: &Job, samples: u32) -> Picture {
-    match render(backend, job, samples, &mut |_| ControlFlow::Continue(())) {
-        Ok(rendering) => rendering.picture,
-        Err(error) => panic!("{error}"),
-    }
+    let rendering = backend
+        .load(&job.buffers, &job.frame, job.features)
+        .and_then(|()| render(backend, job, samples, &mut |_| ControlFlow::Continue(())));
+    rendering.unwrap_or_else(|error| panic!("{error}")).picture
 }
 
 /// The job with its camera turned by (x, y) times [`TURN`].

@@ -2,9 +2,10 @@
 
 use crate::long::Cases;
 use crate::oracle::{Answer, Clarity, Disagreement, Oracle};
-use crate::{Numbers, RaySource, scenes};
+use crate::scenes::{self, ReadyJob};
+use crate::{Numbers, RaySource};
 use emboss::backend::{Backend, SceneBuffers};
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::{Normals, Settings, Weld, Wrap};
 use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_format, method};
@@ -133,7 +134,7 @@ fn verdict(oracle: &Oracle, ray: &Ray, hit: &Intersection) -> Result<Tally, (Dis
 ///
 /// # Panics
 /// Where one is not what rounding can make of the exact answer.
-pub fn judge(job: &Job, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Tally {
+pub fn judge(job: &ReadyJob, oracle: &Oracle, rays: &[Ray], hits: &[Intersection]) -> Tally {
     assert_eq!(rays.len(), hits.len(), "each ray has an answer");
     let one = |(ray, hit): (&Ray, &Intersection)| {
         verdict(oracle, ray, hit).map_err(|(disagreement, answer)| {
@@ -223,7 +224,7 @@ impl<'a> Court<'a> {
     }
 
     /// One scene, by `count` rays of all kinds, which must have been a test.
-    pub fn judge_job(&mut self, what: &str, job: &Job, seed: u64, count: usize) {
+    pub fn judge_job(&mut self, what: &str, job: &ReadyJob, seed: u64, count: usize) {
         let Court { backend, oracle, cases } = self;
         cases.run(what, || {
             let oracle = oracle(&job.buffers, &job.frame, job.features);
@@ -239,7 +240,13 @@ impl<'a> Court<'a> {
 ///
 /// # Panics
 /// Where an answer is wrong, or the backend fails.
-fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, count: usize) -> Tallies {
+fn judge_rays(
+    job: &ReadyJob,
+    oracle: &Oracle,
+    backend: &mut dyn Backend,
+    seed: u64,
+    count: usize,
+) -> Tallies {
     let features = Features { method: method::QUADTREE, ..job.features };
     backend.load(&job.buffers, &job.frame, features).expect("a test's scene fits");
     let mut tallies = Tallies::default();
@@ -277,7 +284,7 @@ fn judge_rays(job: &Job, oracle: &Oracle, backend: &mut dyn Backend, seed: u64, 
 
 /// So many rays, made on all threads, the same on any number of them; `make` is told the number of the ray.
 fn rays(
-    job: &Job,
+    job: &ReadyJob,
     seed: u64,
     count: usize,
     make: impl Fn(&mut RaySource<'_>, usize) -> Ray + Sync,

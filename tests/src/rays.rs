@@ -1,7 +1,7 @@
 //! Rays of every kind that makes trouble.
 
 use crate::Numbers;
-use emboss::render::Job;
+use crate::scenes::ReadyJob;
 use emboss_kernels::barycentric::interpolate;
 use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Makes rays at random for a scene.
 pub struct RaySource<'a> {
-    job: &'a Job,
+    job: &'a ReadyJob,
     numbers: Numbers,
     centre: Vec3,
     /// Half the diagonal of the box around the displaced model.
@@ -22,8 +22,8 @@ pub struct RaySource<'a> {
 
 impl<'a> RaySource<'a> {
     /// Rays for the scene of `job`, which is not empty, as `seed` decides.
-    pub fn new(job: &'a Job, seed: u64) -> Self {
-        let root = job.buffers.nodes[0];
+    pub fn new(job: &'a ReadyJob, seed: u64) -> Self {
+        let root = job.bounds();
         let (centre, radius) = ((root.min + root.max) * 0.5, 0.5 * (root.max - root.min).length());
         RaySource { job, numbers: Numbers::new(seed), centre, radius }
     }
@@ -146,8 +146,8 @@ impl<'a> LeakRays<'a> {
     const CHUNK: usize = 1 << 12;
 
     /// Rays for the scene of `job` from some points, at least one.
-    pub fn new(job: &'a Job, inside: &'a [Vec3], seed: u64) -> Self {
-        let view = job.buffers.view(&job.frame);
+    pub fn new(job: &'a ReadyJob, inside: &'a [Vec3], seed: u64) -> Self {
+        let view = job.view();
         LeakRays { view, field: HeightField::new(&view, job.features), inside, seed }
     }
 
@@ -271,9 +271,9 @@ impl Hardship {
 
 impl<'a> HardRays<'a> {
     /// Rays for the scene of `job`, which is not empty, as `seed` decides.
-    pub fn new(job: &'a Job, seed: u64) -> Self {
-        let root = job.buffers.nodes[0];
-        let view = job.buffers.view(&job.frame);
+    pub fn new(job: &'a ReadyJob, seed: u64) -> Self {
+        let root = job.bounds();
+        let view = job.view();
         let field = HeightField::new(&view, job.features);
         HardRays { view, field, numbers: Numbers::new(seed), radius: 0.5 * (root.max - root.min).length() }
     }

@@ -1,13 +1,17 @@
 //! Scenes for tests, made ready for a backend.
 
 use crate::Numbers;
+use emboss::backend::host_scene::HostScene;
 use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::{Light, Settings, Wrap};
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{PointLight, Vertex, height_format};
+use emboss_kernels::scene::SceneView;
 use glam::{Quat, Vec3};
+use std::ops::Deref;
 
 /// A scene whose only relief is displaced by `scale`.
 pub fn scaled(mut scene: Scene, scale: f32) -> Scene {
@@ -49,19 +53,56 @@ pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> 
     (scene, Settings { width, height, view, lights, ..Settings::default() })
 }
 
+/// A job with what the host makes of its scene. The view is framed by that, so that all backends have the same.
+#[derive(Clone, Debug)]
+pub struct ReadyJob {
+    job: Job,
+    scene: HostScene,
+}
+
+impl ReadyJob {
+    /// The scene as the CPU's kernels see it.
+    pub fn view(&self) -> SceneView<'_> {
+        self.scene.view()
+    }
+
+    /// The box of each prism.
+    pub fn boxes(&self) -> &[Aabb] {
+        self.scene.boxes()
+    }
+
+    /// The box around the displaced model.
+    pub fn bounds(&self) -> Aabb {
+        self.scene.bvh().bounds()
+    }
+}
+
+impl Deref for ReadyJob {
+    type Target = Job;
+
+    fn deref(&self) -> &Job {
+        &self.job
+    }
+}
+
 /// A scene as a job.
 ///
 /// # Panics
 /// Where it cannot be framed: those of tests can.
-pub fn job(scene: Scene, settings: &Settings) -> Job {
-    prepare(scene, settings).unwrap_or_else(|error| panic!("the scene cannot be framed: {error}"))
+pub fn job(scene: Scene, settings: &Settings) -> ReadyJob {
+    let mut job = prepare(scene, settings).expect("sound maps");
+    let mut scene = HostScene::new(&job.buffers, &job.frame, job.features)
+        .unwrap_or_else(|error| panic!("the scene cannot be loaded: {error}"));
+    job.frame_view(scene.boxes()).unwrap_or_else(|error| panic!("the scene cannot be framed: {error}"));
+    scene.set_view(&job.frame, &job.buffers.lights).expect("the lights are the frame's");
+    ReadyJob { job, scene }
 }
 
 /// Makes a scene ready for rays, its height map wrapped that way.
 ///
 /// # Panics
 /// Where it cannot be framed.
-pub fn ready(scene: Scene, wrap: Wrap) -> Job {
+pub fn ready(scene: Scene, wrap: Wrap) -> ReadyJob {
     job(scene, &Settings { wrap, width: 1, height: 1, ..Settings::default() })
 }
 

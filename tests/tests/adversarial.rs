@@ -3,7 +3,7 @@
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::Mesh;
 use emboss::settings::{Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
@@ -12,7 +12,7 @@ use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::Features;
 use emboss_tests::oracle::Oracle;
-use emboss_tests::scenes::{job, random_solid};
+use emboss_tests::scenes::{ReadyJob, job, random_solid};
 use emboss_tests::{HardRays, Hardship, Numbers};
 use glam::Vec3;
 
@@ -80,7 +80,7 @@ fn spoil(mesh: &mut Mesh, fault: Fault) {
 }
 
 /// A small random scene with a fault.
-fn spoilt(numbers: &mut Numbers, fault: Fault, height: f32, normals: Normals, wrap: Wrap) -> Job {
+fn spoilt(numbers: &mut Numbers, fault: Fault, height: f32, normals: Normals, wrap: Wrap) -> ReadyJob {
     let formats = [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32];
     let format = formats[numbers.below(3) as usize];
     let spread = [0.0, 0.1, 0.5, 1.0][numbers.below(4) as usize];
@@ -96,21 +96,21 @@ fn spoilt(numbers: &mut Numbers, fault: Fault, height: f32, normals: Normals, wr
 }
 
 /// The nearest hits by a method.
-fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
+fn traced(job: &ReadyJob, method: u32, rays: &[Ray]) -> Vec<Intersection> {
     let mut backend = CpuBackend::new();
     backend.load(&job.buffers, &job.frame, Features { method, ..job.features }).expect("a small scene fits");
     backend.trace_rays(rays).expect("the CPU does not fail")
 }
 
 /// Whether a ray hits anything, as shadow rays ask.
-fn hits_any(job: &Job, ray: &Ray) -> bool {
-    let view = job.buffers.view(&job.frame);
+fn hits_any(job: &ReadyJob, ray: &Ray) -> bool {
+    let view = job.view();
     let (ray, _) = TraversalRay::from_ray(*ray);
     traverse(&view, job.features, &ray, Query::Any, &mut Counts::default()).is_some()
 }
 
 /// Asserts that both methods find the same, to the bit, and returns it.
-fn assert_same(job: &Job, rays: &[Ray], what: &str) -> Vec<Intersection> {
+fn assert_same(job: &ReadyJob, rays: &[Ray], what: &str) -> Vec<Intersection> {
     assert_eq!(job.features.method, method::QUADTREE);
     let exact = traced(job, method::BRUTE_FORCE, rays);
     let found = traced(job, method::QUADTREE, rays);

@@ -2,22 +2,25 @@
 //! method.
 
 use bytemuck::bytes_of;
+use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
-use emboss::backend::{Backend, SceneBuffers};
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::Wrap;
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
 use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, Vertex, height_format, method};
 use emboss_kernels::ray::TraversalRay;
-use emboss_kernels::scene::Features;
-use emboss_tests::{Numbers, RaySource, scenes};
+use emboss_kernels::render::trace_ray;
+use emboss_kernels::scene::{Features, SceneView};
+use emboss_tests::scenes::{self, ReadyJob};
+use emboss_tests::{Numbers, RaySource};
 use glam::{Quat, Vec3};
 
 /// The nearest hits of rays.
-fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
+fn traced(job: &ReadyJob, method: u32, rays: &[Ray]) -> Vec<Intersection> {
     let mut backend = CpuBackend::new();
     let features = Features { method, ..job.features };
     backend.load(&job.buffers, &job.frame, features).expect("a built-in scene fits");
@@ -25,12 +28,12 @@ fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
 }
 
 /// A built-in scene at another N.
-fn subdivided(name: &str, subdivisions: u32) -> Job {
+fn subdivided(name: &str, subdivisions: u32) -> ReadyJob {
     scenes::ready(Scene { subdivisions, ..scenes::builtin(name) }, Wrap::Repeat)
 }
 
 /// So many rays of each kind: from outside, from inside the relief, grazing, along normals, towards edges.
-fn rays(job: &Job, seed: u64, of_each: usize) -> Vec<Ray> {
+fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
     let mut source = RaySource::new(job, seed);
     let five = |_| {
         [
@@ -46,7 +49,7 @@ fn rays(job: &Job, seed: u64, of_each: usize) -> Vec<Ray> {
 
 /// Panics with the first of the differences between two lists of answers to the same rays. Every field counts,
 /// bit for bit.
-fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Intersection]) {
+fn assert_identical(job: &ReadyJob, rays: &[Ray], left: &[Intersection], right: &[Intersection]) {
     let differences: Vec<_> = rays
         .iter()
         .zip(left.iter().zip(right))
@@ -60,7 +63,7 @@ fn assert_identical(job: &Job, rays: &[Ray], left: &[Intersection], right: &[Int
 }
 
 /// Quadtree and brute force on rays of all kinds, and on those that leave what they hit.
-fn compare_methods(job: &Job, seed: u64, of_each: usize) {
+fn compare_methods(job: &ReadyJob, seed: u64, of_each: usize) {
     let first = rays(job, seed, of_each);
     let hits = traced(job, method::BRUTE_FORCE, &first);
     assert_identical(job, &first, &traced(job, method::QUADTREE, &first), &hits);
@@ -157,13 +160,14 @@ fn quadtree_finds_a_hit_across_a_micro_vertex() {
     }
 }
 
-/// The tree of one leaf that holds all primitives in descending order.
-fn reversed_leaf(job: &Job) -> Job {
-    let root = job.buffers.nodes[0];
+/// The nearest hits of rays by the tree of one leaf that holds all primitives in descending order.
+fn traced_in_reverse(job: &ReadyJob, method: u32, rays: &[Ray]) -> Vec<Intersection> {
+    let Aabb { min, max } = job.bounds();
     let primitives: Vec<u32> = (0..job.frame.triangle_count).rev().collect();
-    let leaf = BvhNode { first: 0, count: job.frame.triangle_count, ..root };
-    let buffers = SceneBuffers { nodes: vec![leaf], primitives, ..job.buffers.clone() };
-    Job { buffers, ..job.clone() }
+    let nodes = [BvhNode { min, max, first: 0, count: job.frame.triangle_count }];
+    let scene = SceneView { nodes: &nodes, primitives: &primitives, ..job.view() };
+    let features = Features { method, ..job.features };
+    rays.iter().map(|ray| trace_ray(&scene, features, *ray, &mut Counts::default())).collect()
 }
 
 /// Rays towards shared edges are ties by intent: the lower triangle, then the lower cell, wins.
@@ -173,17 +177,16 @@ fn the_order_of_primitives_does_not_show() {
         [("builtin:cube", 5, 5000), ("builtin:quilt", 8, 5000), ("builtin:knot", 3, 200)]
     {
         let job = subdivided(name, n);
-        let reversed = reversed_leaf(&job);
         let rays = rays(&job, 7, of_each);
         for method in [method::BRUTE_FORCE, method::GRID_WALK, method::QUADTREE] {
             let hits = traced(&job, method, &rays);
-            assert_identical(&job, &rays, &hits, &traced(&reversed, method, &rays));
+            assert_identical(&job, &rays, &hits, &traced_in_reverse(&job, method, &rays));
         }
     }
 }
 
 /// Hits of rays from outside, and for each a ray that leaves it on the outer side.
-fn leaving_outwards(job: &Job, seed: u64, count: usize) -> Vec<(Intersection, Ray)> {
+fn leaving_outwards(job: &ReadyJob, seed: u64, count: usize) -> Vec<(Intersection, Ray)> {
     let mut source = RaySource::new(job, seed);
     let rays: Vec<Ray> = (0..count).map(|_| source.from_outside()).collect();
     let hits = traced(job, method::QUADTREE, &rays);
@@ -194,9 +197,8 @@ fn leaving_outwards(job: &Job, seed: u64, count: usize) -> Vec<(Intersection, Ra
 
 /// What a ray hits that leaves a hit, traced as shadow rays are: from the spawned origin, and blind to the triangle
 /// that it leaves.
-fn hit_again(job: &Job, method: u32, left: &Intersection, ray: &Ray) -> Hit {
-    let buffers = &job.buffers;
-    let scene = buffers.view(&job.frame);
+fn hit_again(job: &ReadyJob, method: u32, left: &Intersection, ray: &Ray) -> Hit {
+    let scene = job.view();
     let left = Hit { t: left.t, primitive: left.primitive, cell: left.cell, b1: left.b1, b2: left.b2 };
     let ray = TraversalRay::new(ray.origin, ray.direction, ray.t_max).leaving(left);
     let features = Features { method, ..job.features };

@@ -105,7 +105,9 @@ macro_rules! shared {
 shared! {
     Vertex { position, u, normal, v }
     Triangle { vertices, flags, height_min, height_max, displacement, seams }
-    Seams { directions, heights, flags, first_side, side_count, height_min, height_max }
+    Seams {
+        directions, heights, flags, first_side, side_count, height_min, height_max, first_reading, reading_count
+    }
     SeamSide { start, end, displacement }
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
@@ -165,6 +167,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::SORT_COUNTS, u32::many()),
         (binding::SCAN_VALUES, u32::many()),
         (binding::SCAN_SUMS, u32::many()),
+        (binding::BOXES, f32::many()),
     ]
 }
 
@@ -291,10 +294,10 @@ fn buffers_have_the_layout_of_the_hosts_structs() {
 #[test]
 fn every_binding_of_the_interface_is_used_and_no_other() {
     let module = compiled();
-    let expected: BTreeSet<u32> = (0..binding::COUNT).collect();
+    let expected: BTreeSet<u32> = host_buffers().map(|(number, _)| number).into();
+    assert_eq!(expected.len(), binding::COUNT as usize, "no number twice");
     assert_eq!(module::contents(&module).bindings, expected);
     assert!(module::decorated(&module, Decoration::DescriptorSet).all(|(_, set)| set == 0));
-    assert_eq!(host_buffers().map(|(number, _)| number).into_iter().collect::<BTreeSet<_>>(), expected);
 }
 
 #[test]
@@ -309,7 +312,7 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
     for entry_point in ["render", "resolve"] {
         assert_eq!(push_constants(&module, entry_point), Some(Tile::one()), "{entry_point}");
     }
-    for entry_point in ["trace_rays", "probe"] {
+    for entry_point in ["trace_rays", "bound_heights", "decide_seams", "prism_bounds", "probe"] {
         assert_eq!(push_constants(&module, entry_point), Some(Batch::one()), "{entry_point}");
     }
     assert_eq!(push_constants(&module, "height_pyramid"), Some(PyramidPart::one()));
@@ -332,8 +335,11 @@ fn entry_points_have_the_workgroups_of_the_interface() {
     let batch = [BATCH_GROUP_SIZE, 1, 1];
     let block = [GROUP_SIZE, 1, 1];
     let expected = [
+        ("bound_heights", batch),
+        ("decide_seams", batch),
         ("count_digits", block),
         ("height_pyramid", batch),
+        ("prism_bounds", batch),
         ("probe", batch),
         ("render", tile),
         ("resolve", tile),

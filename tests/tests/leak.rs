@@ -8,13 +8,13 @@
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::Relief;
 use emboss::settings::{Normals, Settings, Weld, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::long::{self, Cases};
 use emboss_tests::meshes::{self, Placed, Solid, euler_characteristic, winding_number};
-use emboss_tests::scenes::{WildMap, job};
+use emboss_tests::scenes::{ReadyJob, WildMap, job};
 use emboss_tests::{LeakRays, Numbers};
 
 const SCALES: [f64; 3] = [1e-6, 1.0, 1e6];
@@ -43,7 +43,7 @@ struct Displaced {
 }
 
 /// The scene, ready for rays.
-fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> Job {
+fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob {
     let mut mesh = placed.mesh.clone();
     let share = if how.subdivisions < 1000 { RELIEF } else { FINE_RELIEF };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
@@ -61,7 +61,7 @@ fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> Job {
 }
 
 /// Traces `count` rays; how many of them leak.
-fn leaks(job: &Job, placed: &Placed, seed: u64, count: usize) -> usize {
+fn leaks(job: &ReadyJob, placed: &Placed, seed: u64, count: usize) -> usize {
     const BATCH: usize = 1 << 16;
     let source = LeakRays::new(job, &placed.inside, seed);
     let mut backend = CpuBackend::new();

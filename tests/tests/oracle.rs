@@ -2,16 +2,17 @@
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::settings::Wrap;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::scene::Features;
 use emboss_tests::exact::{self, Tally};
 use emboss_tests::oracle::{Clarity, Disagreement, Oracle};
-use emboss_tests::{Numbers, RaySource, scenes};
+use emboss_tests::scenes::{self, ReadyJob};
+use emboss_tests::{Numbers, RaySource};
 
 /// The nearest hits of rays by one method.
-fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
+fn traced(job: &ReadyJob, method: u32, rays: &[Ray]) -> Vec<Intersection> {
     let mut backend = CpuBackend::new();
     let features = Features { method, ..job.features };
     backend.load(&job.buffers, &job.frame, features).expect("a small scene fits");
@@ -19,7 +20,7 @@ fn traced(job: &Job, method: u32, rays: &[Ray]) -> Vec<Intersection> {
 }
 
 /// Traces rays by both exact methods and has every answer judged.
-fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
+fn judge(job: &ReadyJob, rays: &[Ray], tally: &mut Tally) {
     let oracle = Oracle::new(&job.buffers, &job.frame, job.features);
     for method in [method::QUADTREE, method::BRUTE_FORCE] {
         *tally += exact::judge(job, &oracle, rays, &traced(job, method, rays));
@@ -27,21 +28,21 @@ fn judge(job: &Job, rays: &[Ray], tally: &mut Tally) {
 }
 
 /// So many rays of each kind.
-fn rays(job: &Job, seed: u64, of_each: usize) -> Vec<Ray> {
+fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
     let mut source = RaySource::new(job, seed);
     let three = |_| [source.from_outside(), source.from_inside(), source.grazing()];
     (0..of_each).flat_map(three).collect()
 }
 
 /// Rays that leave the hits of `rays`. Each is close to the triangle that it leaves.
-fn leaving(job: &Job, seed: u64, rays: &[Ray]) -> Vec<Ray> {
+fn leaving(job: &ReadyJob, seed: u64, rays: &[Ray]) -> Vec<Ray> {
     let mut source = RaySource::new(job, seed);
     let hits = traced(job, method::BRUTE_FORCE, rays);
     hits.iter().filter(|hit| hit.primitive != MISS).map(|hit| source.leaving(hit)).collect()
 }
 
 /// Has rays of all kinds judged; those that leave a hit apart, since rounding always leaves them a choice.
-fn judge_all_kinds(job: &Job, seed: u64, of_each: usize, tally: &mut Tally) {
+fn judge_all_kinds(job: &ReadyJob, seed: u64, of_each: usize, tally: &mut Tally) {
     let rays = rays(job, seed, of_each);
     judge(job, &rays, tally);
     judge(job, &leaving(job, seed + 1, &rays), &mut Tally::default());

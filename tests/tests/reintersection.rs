@@ -7,7 +7,7 @@
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::Relief;
 use emboss::settings::{Normals, Settings};
 use emboss_kernels::bvh::traverse::{Query, traverse};
@@ -19,7 +19,7 @@ use emboss_kernels::interface::{Intersection, MISS, Ray};
 use emboss_kernels::math::UNIT_ROUNDOFF;
 use emboss_kernels::ray::TraversalRay;
 use emboss_tests::meshes::{self, Solid};
-use emboss_tests::scenes::{WildMap, job};
+use emboss_tests::scenes::{ReadyJob, WildMap, job};
 use emboss_tests::{Numbers, RaySource};
 use glam::DVec3;
 
@@ -46,15 +46,15 @@ struct Tally {
 }
 
 /// A micro-triangle's corners as the kernels compute them.
-fn corners(job: &Job, primitive: u32, cell: u32) -> [DVec3; 3] {
-    let view = job.buffers.view(&job.frame);
+fn corners(job: &ReadyJob, primitive: u32, cell: u32) -> [DVec3; 3] {
+    let view = job.view();
     let field = HeightField::new(&view, job.features);
     let corners = BaseTriangle::load(&view, primitive).micro_triangle(&field, Cell::unpack(cell));
     corners.map(|corner| corner.as_dvec3())
 }
 
 /// Lets a ray leave a hit and counts what it meets.
-fn leave(job: &Job, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
+fn leave(job: &ReadyJob, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
     let left = Hit { t: hit.t, primitive: hit.primitive, cell: hit.cell, b1: hit.b1, b2: hit.b2 };
     let [a, b, c] = corners(job, hit.primitive, hit.cell);
     let normal = (b - a).cross(c - a);
@@ -66,7 +66,7 @@ fn leave(job: &Job, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
     }
     tally.rays += 1;
     let (ray, _) = TraversalRay::from_ray(*ray);
-    let view = job.buffers.view(&job.frame);
+    let view = job.view();
     let second = traverse(&view, job.features, &ray.leaving(left), Query::Nearest, &mut Counts::default());
     if !second.is_some() {
         return;
@@ -96,7 +96,7 @@ enum Leaving {
 }
 
 /// Has rays leave hits of a scene.
-fn tally(job: &Job, leaving: Leaving, seed: u64, count: usize, tally: &mut Tally) {
+fn tally(job: &ReadyJob, leaving: Leaving, seed: u64, count: usize, tally: &mut Tally) {
     let mut source = RaySource::new(job, seed);
     let mut backend = CpuBackend::new();
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
@@ -113,7 +113,7 @@ fn tally(job: &Job, leaving: Leaving, seed: u64, count: usize, tally: &mut Tally
 }
 
 /// A solid at a place under a map, the height a tenth of its size.
-fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, normals: Normals) -> Job {
+fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, normals: Normals) -> ReadyJob {
     let placed = solid.placed(scale, offset);
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
     let relief = Relief { map: map.map(&mut Numbers::new(7)), zero: 0.0, scale: (0.1 * scale) as f32 };

@@ -3,7 +3,7 @@
 use emboss::backend::vulkan::{Selection, VulkanBackend, devices};
 use emboss::backend::{Backend, BackendError, DeviceInfo, DeviceKind, SceneBuffers};
 use emboss_kernels::interface::{
-    BvhNode, Camera, Displacement, Frame, MISS, PointLight, Ray, SeamSide, Seams, Triangle, Vertex, counter,
+    Camera, Displacement, Frame, MISS, PointLight, Ray, SeamSide, Seams, Triangle, Vertex, counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE, PCG4D};
 use emboss_kernels::sampler::pcg4d;
@@ -163,10 +163,7 @@ fn scene_with_every_buffer_loads() {
     let scene = SceneBuffers {
         vertices: vec![Vertex::default(); 3],
         triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
-        nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
-        primitives: vec![0],
         displacements: vec![Displacement::default()],
-        height_ranges: vec![0; 100],
         seams: vec![Seams::default()],
         seam_sides: vec![SeamSide::default()],
         // 20 MiB: more than one piece of the staging buffer.

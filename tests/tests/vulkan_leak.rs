@@ -8,13 +8,13 @@
 
 use emboss::backend::Backend;
 use emboss::backend::vulkan::VulkanBackend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::Relief;
 use emboss::settings::{Normals, Settings, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::long::{self, Cases};
 use emboss_tests::meshes::{self, Solid};
-use emboss_tests::scenes::{WildMap, job};
+use emboss_tests::scenes::{ReadyJob, WildMap, job};
 use emboss_tests::{LeakRays, Numbers};
 use glam::Vec3;
 
@@ -28,7 +28,7 @@ const EXTREMES: [(f64, f64, u32); 4] = [(1.0, 0.0, 4096), (1.0, 1e5, 1), (1e-6, 
 /// A scene, and what rays it is due.
 struct LeakScene {
     what: String,
-    job: Job,
+    job: ReadyJob,
     /// Where rays start.
     inside: Vec<Vec3>,
     /// Its share of the rays, in tenths of most others'.

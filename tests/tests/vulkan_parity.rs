@@ -11,7 +11,7 @@ use emboss::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
 use emboss_tests::compare::{Comparison, VISIBLE, against_cpu, rendered};
-use emboss_tests::scenes::{builtin_scene, job};
+use emboss_tests::scenes::{ReadyJob, builtin_scene, job};
 use emboss_tests::{Numbers, finish, lavapipe};
 use glam::{Vec3, Vec4};
 use std::ops::ControlFlow;
@@ -308,8 +308,8 @@ fn seed_decides_the_bytes() {
 }
 
 /// Rays from a sphere around the knot to points near it.
-fn rays_at(job: &Job, count: usize) -> Vec<Ray> {
-    let root = &job.buffers.nodes[0];
+fn rays_at(job: &ReadyJob, count: usize) -> Vec<Ray> {
+    let root = job.bounds();
     let (center, size) = ((root.min + root.max) * 0.5, (root.max - root.min) * 0.5);
     let mut numbers = Numbers::new(11);
     let ray = |_| {
@@ -341,7 +341,7 @@ fn agree(ray: &Ray, a: &Intersection, b: &Intersection) -> bool {
 
 /// Of `count` rays all must agree, but for those that pass an edge within rounding: they must agree with what the CPU
 /// finds on a ray turned by 2^-17 to some side (as in [`against_cpu`]).
-fn assert_rays_alike(backend: &mut VulkanBackend, job: &Job, count: usize) {
+fn assert_rays_alike(backend: &mut VulkanBackend, job: &ReadyJob, count: usize) {
     let rays = rays_at(job, count);
     let mut cpu = CpuBackend::new();
     cpu.load(&job.buffers, &job.frame, job.features).unwrap();

@@ -1,11 +1,11 @@
 //! The min/max pyramids that lavapipe builds: bit for bit the CPU's, and ranges of the texels that they stand for.
 
 use emboss::backend::Backend;
-use emboss::render::{Job, Scene};
+use emboss::render::Scene;
 use emboss::scene::{HeightMap, Relief};
 use emboss::settings::{Method, Settings, Wrap};
 use emboss_kernels::interface::{Displacement, height_format};
-use emboss_tests::scenes::{job, tiles};
+use emboss_tests::scenes::{ReadyJob, job, tiles};
 use emboss_tests::{Numbers, finish, lavapipe};
 
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
@@ -55,7 +55,7 @@ fn random_map(numbers: &mut Numbers, format: u32, (width, height): (u32, u32)) -
 }
 
 /// A scene whose triangles share random maps of some sizes.
-fn scene_with_maps(sizes: &[(u32, u32)], format: u32, wrap: Wrap) -> Job {
+fn scene_with_maps(sizes: &[(u32, u32)], format: u32, wrap: Wrap) -> ReadyJob {
     let mut numbers = Numbers::new(u64::from(format));
     let mut scene = tiles();
     let relief = |&size| Relief { map: random_map(&mut numbers, format, size), zero: 0.25, scale: 0.1 };
@@ -86,7 +86,7 @@ fn square_side(entry: u32, level: u32, size: u32, wrap: Wrap) -> Vec<u32> {
 
 /// Fails unless every stored entry of a map's pyramid holds the texels of its square; and no more, unless the square goes
 /// round the map.
-fn assert_holds_texels(job: &Job, ranges: &[u32], map: &Displacement, wrap: Wrap) {
+fn assert_holds_texels(job: &ReadyJob, ranges: &[u32], map: &Displacement, wrap: Wrap) {
     let format = job.features.height_format;
     let (width, height) = (map.map_width, map.map_height);
     let texels = &job.buffers.height_texels[map.first_word as usize..];
@@ -123,7 +123,7 @@ fn pyramids_are_the_cpus_to_the_bit() {
             let job = scene_with_maps(&SIZES, format, wrap);
             assert_eq!(job.features.height_format, format);
             backend.load(&job.buffers, &job.frame, job.features).unwrap();
-            let expected = &job.buffers.height_ranges;
+            let expected = job.view().height_ranges;
             let ranges = backend.height_ranges(expected.len()).unwrap();
             let differing: Vec<usize> =
                 (0..expected.len()).filter(|&i| ranges[i] != expected[i]).take(8).collect();
@@ -142,7 +142,7 @@ fn large_pyramids_are_the_cpus_to_the_bit() {
     let mut backend = lavapipe();
     let job = scene_with_maps(&[(1021, 700), (3, 3)], height_format::FLOAT32, Wrap::Repeat);
     backend.load(&job.buffers, &job.frame, job.features).unwrap();
-    let expected = &job.buffers.height_ranges;
-    assert!(backend.height_ranges(expected.len()).unwrap() == *expected);
+    let expected = job.view().height_ranges;
+    assert!(backend.height_ranges(expected.len()).unwrap() == expected);
     finish(backend);
 }

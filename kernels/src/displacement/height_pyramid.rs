@@ -413,29 +413,34 @@ const FINENESS: u32 = 3;
 /// [`Displacement::height_range`]. Read from a level so fine that the box overlaps some 2^FINENESS entries a side: what it
 /// adds to the box is little.
 pub fn height_bounds(field: &HeightField<'_>, vertices: &[Vertex], triangle: Triangle) -> (f32, f32) {
-    let uv = |i: usize| {
-        let vertex = at(vertices, triangle.vertices[i]);
-        Vec2::new(vertex.u, vertex.v)
-    };
-    uv_box_bounds(field, triangle.displacement, &[uv(0), uv(1), uv(2)])
+    let a = uv_of(vertices, triangle.vertices[0]);
+    let b = uv_of(vertices, triangle.vertices[1]);
+    let c = uv_of(vertices, triangle.vertices[2]);
+    uv_box_bounds(field, triangle.displacement, a.min(b).min(c), a.max(b).max(c))
 }
 
-/// [`height_bounds`] for the convex hull of any texture coordinates.
-pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uvs: &[Vec2]) -> (f32, f32) {
+/// Texture coordinates of vertex `i`.
+#[inline]
+fn uv_of(vertices: &[Vertex], i: u32) -> Vec2 {
+    let vertex = at(vertices, i);
+    Vec2::new(vertex.u, vertex.v)
+}
+
+/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`.
+pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high: Vec2) -> (f32, f32) {
     let map = field.displacement(displacement);
     let pyramid = field.pyramid(map);
-    let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
-    let mut greatest = Vec2::ZERO;
-    for &uv in uvs {
-        let t = texel_coordinates(&map, uv);
-        (low, high, greatest) = (low.min(t), high.max(t), greatest.max(uv.abs()));
-    }
+    // Rows of a map run downwards.
+    let (a, b) = (texel_coordinates(&map, uv_low), texel_coordinates(&map, uv_high));
+    let (low, high) = (a.min(b), a.max(b));
+    let greatest = uv_low.abs().max(uv_high.abs());
     let error = texel_error(&map, greatest);
     let (low, high) = (low - error, high + error);
     let x = fold(low.x, high.x, map.map_width, field.wrap);
     let y = fold(low.y, high.y, map.map_height, field.wrap);
     let (across, down) = (x.more, y.more);
-    let level = ceil_log2(across.max(down).max(1)).saturating_sub(FINENESS);
+    // rust-gpu has no saturating subtraction.
+    let level = ceil_log2(across.max(down).max(1)).max(FINENESS) - FINENESS;
     // An entry at a texel reaches at least a spacing beyond it.
     let stride = 1 << level;
     let mut range = TexelRange::EMPTY;

@@ -5,6 +5,7 @@ pub mod cell;
 pub mod grid_walk;
 pub mod height_pyramid;
 pub mod quadtree;
+pub mod seams;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_prism;

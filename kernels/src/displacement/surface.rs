@@ -59,6 +59,12 @@ impl<'a> HeightField<'a> {
         at(self.displacements, i)
     }
 
+    /// Side number `i` of the seams.
+    #[inline]
+    pub fn seam_side(&self, i: u32) -> SeamSide {
+        at(self.seam_sides, i)
+    }
+
     /// A map of its with the map's pyramid.
     #[inline]
     pub fn pyramid(&self, map: Displacement) -> Pyramid<'a> {
@@ -167,6 +173,20 @@ impl BaseTriangle {
         interpolate2(w, self.t0, self.t1, self.t2)
     }
 
+    /// Whether positions, normals and texture coordinates are numbers, none of them infinite.
+    #[inline]
+    pub fn is_finite(&self) -> bool {
+        self.p0.is_finite()
+            && self.p1.is_finite()
+            && self.p2.is_finite()
+            && self.n0.is_finite()
+            && self.n1.is_finite()
+            && self.n2.is_finite()
+            && self.t0.is_finite()
+            && self.t1.is_finite()
+            && self.t2.is_finite()
+    }
+
     /// Whether some of its border is decided with its neighbours.
     #[inline]
     pub fn has_seams(&self, field: &HeightField<'_>) -> bool {
@@ -246,7 +266,7 @@ impl BaseTriangle {
         let mut sum = 0.0;
         let mut i = 0;
         while i < count {
-            let side = at(field.seam_sides, first + i);
+            let side = field.seam_side(first + i);
             let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
             let uv = interpolate2(along, start, end, Vec2::ZERO);
             sum += field.height(&field.displacement(side.displacement), uv);
@@ -355,7 +375,8 @@ impl BaseTriangle {
         }
         if self.has_seams(field) {
             let seams = self.seams(field);
-            for e in 0..3 {
+            let mut e = 0;
+            while e < 3 {
                 let (a, b) = (self.position((e + 1) % 3), self.position((e + 2) % 3));
                 if seams.flags >> e & 1 != 0 {
                     let height = component(seams.heights, e);
@@ -374,6 +395,7 @@ impl BaseTriangle {
                     let seam = if seams.directions_spread(field, e) { grown } else { hull };
                     bounds = bounds.including(seam.min).including(seam.max);
                 }
+                e += 1;
             }
         }
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
@@ -454,7 +476,7 @@ impl Seams {
 
 /// Component 0, 1 or 2.
 #[inline]
-fn component<T: Copy>(v: [T; 3], i: u32) -> T {
+pub(super) fn component<T: Copy>(v: [T; 3], i: u32) -> T {
     if i == 0 {
         v[0]
     } else if i == 1 {
@@ -464,9 +486,12 @@ fn component<T: Copy>(v: [T; 3], i: u32) -> T {
     }
 }
 
-/// [`BaseTriangle::bounds`] of a base triangle.
+/// [`BaseTriangle::bounds`] of a base triangle. One that is not finite has no bounds: its box is the empty one, whose
+/// corners are infinite, since a box that takes in NaN may be any.
 pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -> Aabb {
-    BaseTriangle::load(scene, primitive).bounds(&HeightField::new(scene, features))
+    let base = BaseTriangle::load(scene, primitive);
+    let bounds = base.bounds(&HeightField::new(scene, features));
+    if base.is_finite() { bounds } else { Aabb::EMPTY }
 }
 
 #[cfg(test)]

@@ -1,8 +1,13 @@
 //! The CPU backend: the kernels as plain functions, spread over the processor's threads by rayon.
 
-use super::{Backend, BackendError, DeviceInfo, DeviceKind, SceneBuffers, Totals};
+use super::host_scene::HostScene;
+use super::{Backend, BackendError, BuildReport, DeviceInfo, DeviceKind, SceneBuffers, Totals, reserved};
+use crate::bvh::Bvh;
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::counters::Counts;
-use emboss_kernels::interface::{FilmPixel, Frame, Intersection, Ray, counter, method};
+use emboss_kernels::interface::{
+    Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, counter, method,
+};
 use emboss_kernels::probe;
 use emboss_kernels::render::{sample_pixel, trace_ray};
 use emboss_kernels::scene::{Features, SceneView};
@@ -22,24 +27,34 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// Runs the kernels on the processor.
 pub struct CpuBackend {
     device: DeviceInfo,
-    scene: SceneBuffers,
-    frame: Frame,
-    features: Features,
+    scene: HostScene,
     film: Vec<FilmPixel>,
     totals: Totals,
 }
 
 impl CpuBackend {
+    /// The loaded scene.
+    pub fn scene(&self) -> &HostScene {
+        &self.scene
+    }
+
     /// The backend on all threads of rayon's global pool, without a scene.
     pub fn new() -> CpuBackend {
         CpuBackend {
             device: device_info(),
-            scene: SceneBuffers::default(),
-            frame: Frame::default(),
-            features: Features::default(),
+            scene: HostScene::default(),
             film: Vec::new(),
             totals: Totals::default(),
         }
+    }
+
+    /// Makes an empty film for the present frame, and clears the counters.
+    fn clear_film(&mut self) -> Result<(), BackendError> {
+        self.totals = Totals::default();
+        // The old film goes first, so that two need not fit side by side.
+        self.film = Vec::new();
+        self.film = cleared_film(self.scene.view().frame)?;
+        Ok(())
     }
 }
 
@@ -73,15 +88,34 @@ impl Backend for CpuBackend {
 
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
         // The old scene goes first, so that two need not fit side by side.
-        self.scene = SceneBuffers::default();
-        self.film = Vec::new();
-        scene.check(frame, features)?;
-        self.scene = copy_scene(scene)?;
+        self.scene = HostScene::default();
+        self.clear_film()?;
+        let scene = HostScene::new(scene, frame, features)?;
         self.film = cleared_film(frame)?;
-        self.frame = *frame;
-        self.features = features;
-        self.totals = Totals::default();
+        self.scene = scene;
         Ok(())
+    }
+
+    fn build_report(&self) -> BuildReport {
+        self.scene.report()
+    }
+
+    fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError> {
+        Ok(self.scene.boxes().to_vec())
+    }
+
+    fn bvh(&mut self) -> Result<Bvh, BackendError> {
+        Ok(self.scene.bvh().clone())
+    }
+
+    fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
+        self.scene.set_view(frame, lights)?;
+        self.clear_film()
+    }
+
+    fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
+        self.scene.set_displacements(displacements)?;
+        self.clear_film()
     }
 
     fn add_sample(
@@ -89,23 +123,22 @@ impl Backend for CpuBackend {
         sample: u32,
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, BackendError> {
-        let scene = self.scene.view(&self.frame);
-        let pass = Pass { scene, features: self.features, sample };
-        let counted = self.features.counters != 0;
+        let features = self.scene.features();
+        let pass = Pass { scene: self.scene.view(), features, sample };
         // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
-        let (flow, totals) = match self.features.method {
+        let (flow, totals) = match features.method {
             method::NONE => pass.run::<{ method::NONE }>(&mut self.film, progress),
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(&mut self.film, progress),
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
             _ => pass.run::<{ method::QUADTREE }>(&mut self.film, progress),
         };
-        add_totals(&mut self.totals, &totals, counted);
+        add_totals(&mut self.totals, &totals, features.counters != 0);
         Ok(flow)
     }
 
     fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
         let mut picture = reserved("the picture", self.film.len())?;
-        let frame = &self.frame;
+        let frame = self.scene.view().frame;
         self.film.par_iter().map(|pixel| pixel.resolve(frame)).collect_into_vec(&mut picture);
         Ok(picture)
     }
@@ -120,7 +153,7 @@ impl Backend for CpuBackend {
 
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError> {
         let mut hits = reserved("intersections", rays.len())?;
-        let (scene, features) = (self.scene.view(&self.frame), self.features);
+        let (scene, features) = (self.scene.view(), self.scene.features());
         rays.par_iter()
             .map(|&ray| {
                 let mut counts = Counts::default();
@@ -254,44 +287,10 @@ fn cleared_film(frame: &Frame) -> Result<Vec<FilmPixel>, BackendError> {
     Ok(film)
 }
 
-/// A copy of the scene, so that the caller's may go.
-fn copy_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
-    Ok(SceneBuffers {
-        vertices: copied("vertices", &scene.vertices)?,
-        triangles: copied("triangles", &scene.triangles)?,
-        nodes: copied("BVH nodes", &scene.nodes)?,
-        primitives: copied("BVH primitives", &scene.primitives)?,
-        displacements: copied("the height maps", &scene.displacements)?,
-        height_texels: copied("the height maps", &scene.height_texels)?,
-        height_ranges: copied("the height maps' pyramids", &scene.height_ranges)?,
-        seams: copied("the seams", &scene.seams)?,
-        seam_sides: copied("the seams", &scene.seam_sides)?,
-        color_texels: copied("the colour map", &scene.color_texels)?,
-        lights: copied("lights", &scene.lights)?,
-    })
-}
-
-fn copied<T: Copy>(name: &'static str, items: &[T]) -> Result<Vec<T>, BackendError> {
-    let mut copy = reserved(name, items.len())?;
-    copy.extend_from_slice(items);
-    Ok(copy)
-}
-
-/// An empty vector with room for `len` items, or an error that names what it was for.
-fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
-    let mut items = Vec::new();
-    items.try_reserve_exact(len).map_err(|error| BackendError::Allocation {
-        name,
-        bytes: (len as u64).saturating_mul(size_of::<T>() as u64),
-        reason: error.to_string(),
-    })?;
-    Ok(items)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Job, Scene, prepare};
+    use crate::render::{Job, Scene, load, prepare};
     use crate::scene::{Relief, builtin};
     use crate::settings::{Method, Settings};
 
@@ -337,7 +336,9 @@ mod tests {
         };
         let method = Method::BruteForce;
         let settings = Settings { width, height, method, counting: true, ..Settings::default() };
-        prepare(scene, &settings).expect("framed")
+        let mut job = prepare(scene, &settings).expect("sound maps");
+        load(&mut CpuBackend::new(), &mut job).expect("framed");
+        job
     }
 
     /// Neither tiles nor threads show: the film is what one loop over its pixels gives.
@@ -348,7 +349,7 @@ mod tests {
         let mut backend = CpuBackend::new();
         backend.load(&job.buffers, &job.frame, job.features).expect("fits");
         let _ = backend.add_sample(5, &mut |_| GOING_ON);
-        let scene = backend.scene.view(&backend.frame);
+        let scene = backend.scene.view();
         for (i, pixel) in backend.film.iter().enumerate() {
             let (x, y) = (word(i % 200), word(i / 200));
             let sample = sample_pixel(&scene, job.features, x, y, 5, &mut Counts::default());
@@ -388,7 +389,7 @@ mod tests {
     fn loading_clears_film_and_counters() {
         let mut backend = loaded(16, 16, counting());
         let _ = backend.add_sample(0, &mut |_| GOING_ON);
-        let frame = backend.frame;
+        let frame = *backend.scene.view().frame;
         backend.load(&SceneBuffers::default(), &frame, counting()).expect("fits");
         assert!(backend.film.iter().all(|pixel| pixel.samples == 0));
         assert_eq!(backend.totals().expect("counted"), Totals::default());
@@ -400,12 +401,6 @@ mod tests {
         add_totals(&mut totals, &[3; counter::COUNT], false);
         let expected = std::array::from_fn(|i| if i == counter::CAP_HITS as usize { 3 } else { 0 });
         assert_eq!(totals, expected);
-    }
-
-    #[test]
-    fn memory_that_cannot_be_had_is_an_error() {
-        let error = reserved::<FilmPixel>("the film", usize::MAX / 32).expect_err("no machine has it");
-        assert!(error.to_string().starts_with("no memory for the film ("), "{error}");
     }
 
     #[test]

@@ -1,38 +1,38 @@
 //! Who runs the kernels: the CPU or a Vulkan device, behind one trait.
 
 pub mod cpu;
+pub mod host_scene;
 pub mod select;
 pub mod vulkan;
 
+use crate::bvh::Bvh;
+use crate::heights;
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
-    BvhNode, Displacement, Frame, Intersection, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide, Seams,
+    Displacement, Frame, Intersection, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide, Seams,
     Triangle, Vertex, color_format, counter, height_format, method,
 };
-use emboss_kernels::scene::{Features, SceneView};
+use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::ops::ControlFlow;
+use std::time::Duration;
 
-/// Everything of a scene that kernels read, in the layout they read it. Empty buffers are allowed.
+/// A scene in the layout in which kernels read it. Empty buffers are allowed. What follows from these (pyramids, the
+/// heights of triangles and seams, boxes, the BVH) each backend computes itself.
 #[derive(Clone, Debug, Default)]
 pub struct SceneBuffers {
     /// Corners of the base mesh.
     pub vertices: Vec<Vertex>,
-    /// Base triangles.
+    /// Base triangles; their heights are not read.
     pub triangles: Vec<Triangle>,
-    /// The BVH.
-    pub nodes: Vec<BvhNode>,
-    /// Triangle indices in the order of the BVH's leaves.
-    pub primitives: Vec<u32>,
-    /// How the height maps displace.
+    /// How the height maps displace, their pyramids one behind the other.
     pub displacements: Vec<Displacement>,
     /// Packed height maps.
     pub height_texels: Vec<u32>,
-    /// Their pyramids.
-    pub height_ranges: Vec<u32>,
-    /// Where neighbours disagree.
+    /// Where neighbours disagree; their heights are not read.
     pub seams: Vec<Seams>,
-    /// The sides of seams.
+    /// The sides of seams, and the readings of decided corners.
     pub seam_sides: Vec<SeamSide>,
     /// Packed colour map.
     pub color_texels: Vec<u32>,
@@ -41,22 +41,10 @@ pub struct SceneBuffers {
 }
 
 impl SceneBuffers {
-    /// The buffers as kernels see them.
-    pub fn view<'a>(&'a self, frame: &'a Frame) -> SceneView<'a> {
-        SceneView {
-            frame,
-            vertices: &self.vertices,
-            triangles: &self.triangles,
-            nodes: &self.nodes,
-            primitives: &self.primitives,
-            displacements: &self.displacements,
-            height_texels: &self.height_texels,
-            height_ranges: &self.height_ranges,
-            seams: &self.seams,
-            seam_sides: &self.seam_sides,
-            color_texels: &self.color_texels,
-            lights: &self.lights,
-        }
+    /// Words of the pyramids of all maps, one behind the other.
+    pub fn pyramid_words(&self, features: Features) -> u64 {
+        let words = |map: &Displacement| pyramid_words(features.height_format, map.map_width, map.map_height);
+        self.displacements.iter().map(|map| u64::from(words(map))).sum()
     }
 
     /// Checks every index that kernels follow without looking: a device build reads beyond a buffer without a word.
@@ -77,17 +65,29 @@ impl SceneBuffers {
             words > 0
                 && u64::from(map.map_width) * u64::from(map.map_height) <= u32::MAX.into()
                 && within(map.first_word, words, self.height_texels.len())
-                && within(
-                    map.first_range,
-                    pyramid_words(features.height_format, map.map_width, map.map_height).into(),
-                    self.height_ranges.len(),
-                )
+        };
+        // Those of sound maps.
+        let pyramids_are_in_line = || {
+            let mut next = 0;
+            self.displacements.iter().all(|map| {
+                let first = next;
+                next += u64::from(pyramid_words(features.height_format, map.map_width, map.map_height));
+                u64::from(map.first_range) == first && next <= u32::MAX.into()
+            })
         };
         let seams_are_sound = |seams: &Seams| {
-            let ends = seams.first_side.iter().zip(&seams.side_count);
-            let sides_are_there =
-                ends.into_iter().all(|(&first, &count)| within(first, count.into(), self.seam_sides.len()));
-            sides_are_there && (0..3).all(|e| seams.flags >> (3 + e) & 1 == 0 || seams.side_count[e] > 0)
+            let are_there = |flag: u32, first: u32, count: u32| {
+                within(first, count.into(), self.seam_sides.len())
+                    && (seams.flags >> flag & 1 == 0 || count > 0)
+            };
+            (0..)
+                .zip(seams.first_reading)
+                .zip(seams.reading_count)
+                .all(|((e, first), n)| are_there(e, first, n))
+                && (3..)
+                    .zip(seams.first_side)
+                    .zip(seams.side_count)
+                    .all(|((e, first), n)| are_there(e, first, n))
         };
         let maps = self.displacements.len();
         let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
@@ -103,25 +103,22 @@ impl SceneBuffers {
                 && color_words <= self.color_texels.len().min(u32::MAX as usize) as u64;
         let traced = frame.triangle_count > 0;
         let displaced = traced && features.method != method::NONE;
-        let node_is_sound = |node: &BvhNode| match node.count {
-            0 => u64::from(node.first) + 1 < self.nodes.len() as u64,
-            count => u64::from(node.first) + u64::from(count) <= self.primitives.len() as u64,
-        };
+        let welded = traced && features.seams != 0;
         let what = if !self.triangles.iter().all(|t| below(&t.vertices, self.vertices.len())) {
             "a triangle names a vertex that is not there"
-        } else if !below(&self.primitives, self.triangles.len()) {
-            "the BVH names a triangle that is not there"
-        } else if traced && self.nodes.is_empty() || !self.nodes.iter().all(node_is_sound) {
-            "a BVH node's children or primitives are not there"
+        } else if frame.triangle_count as usize > self.triangles.len() {
+            "there are fewer triangles than the frame says"
         } else if frame.light_count as usize > self.lights.len() {
-            "there are fewer lights than the frame says"
+            FEWER_LIGHTS
         } else if traced && !self.triangles.iter().all(names_a_map) {
             "a triangle names a height map that is not there"
         } else if traced && !self.displacements.iter().all(map_is_sound) {
             "the height map has fewer texels than its size says"
-        } else if displaced && features.seams != 0 && !self.triangles.iter().all(names_seams) {
+        } else if traced && !pyramids_are_in_line() {
+            "the height maps' pyramids do not lie one behind the other"
+        } else if welded && !self.triangles.iter().all(names_seams) {
             "a triangle names seams that are not there"
-        } else if displaced && features.seams != 0 && !self.seams.iter().all(seams_are_sound) {
+        } else if welded && !self.seams.iter().all(seams_are_sound) {
             "a seam names sides that are not there"
         } else if !self.seam_sides.iter().all(|side| (side.displacement as usize) < maps) {
             "a seam's side names a height map that is not there"
@@ -134,6 +131,63 @@ impl SceneBuffers {
         };
         Err(BackendError::Unsound { what })
     }
+}
+
+/// What is wrong with a frame that counts more lights than there are.
+const FEWER_LIGHTS: &str = "there are fewer lights than the frame says";
+
+/// Finds out whether there are as many lights as `frame` says.
+fn check_lights(frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
+    if frame.light_count as usize > lights.len() {
+        return Err(BackendError::Unsound { what: FEWER_LIGHTS });
+    }
+    Ok(())
+}
+
+/// Finds out whether `new` differs from `loaded` in heights alone.
+fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<(), BackendError> {
+    let map = |d: &Displacement| (d.map_width, d.map_height, d.first_word, d.first_range);
+    let is_sound = |d: &Displacement| {
+        d.scale.is_finite() && d.zero.is_finite() && d.height_min.is_finite() && d.height_max.is_finite()
+    };
+    let what = if !loaded.iter().map(map).eq(new.iter().map(map)) {
+        "the displacements are of other height maps than those loaded"
+    } else if !new.iter().all(is_sound) {
+        "a displacement is not finite"
+    } else {
+        return Ok(());
+    };
+    Err(BackendError::Unsound { what })
+}
+
+/// The frame of the loaded scene in another view: what the scene itself decides stays.
+fn with_view(loaded: &Frame, view: &Frame) -> Frame {
+    Frame {
+        color_width: loaded.color_width,
+        color_height: loaded.color_height,
+        triangle_count: loaded.triangle_count,
+        subdivisions: loaded.subdivisions,
+        height_min: loaded.height_min,
+        height_max: loaded.height_max,
+        ..*view
+    }
+}
+
+/// The frame of the loaded scene with other heights.
+fn with_displacements(loaded: &Frame, displacements: &[Displacement]) -> Frame {
+    let (height_min, height_max) = heights::range(displacements);
+    Frame { height_min, height_max, ..*loaded }
+}
+
+/// An empty vector with room for `len` items, or an error that names what it was for.
+fn reserved<T>(name: &'static str, len: usize) -> Result<Vec<T>, BackendError> {
+    let mut items = Vec::new();
+    items.try_reserve_exact(len).map_err(|error| BackendError::Allocation {
+        name,
+        bytes: (len as u64).saturating_mul(size_of::<T>() as u64),
+        reason: error.to_string(),
+    })?;
+    Ok(items)
 }
 
 /// What kind of device a backend runs on, in the order in which `auto` prefers them.
@@ -162,6 +216,18 @@ pub struct DeviceInfo {
     pub kind: DeviceKind,
     /// Driver and API version, or the number of threads.
     pub details: String,
+}
+
+/// What a backend made of a scene before it traces it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BuildReport {
+    /// From the height maps' pyramids to the BVH, by the host's clock; after
+    /// [`set_displacements`](Backend::set_displacements) without the pyramids. Compilation is not part of it.
+    pub duration: Duration,
+    /// Nodes of the BVH.
+    pub nodes: u32,
+    /// Triangles that the BVH leaves out, since their boxes are not finite.
+    pub left_out: u32,
 }
 
 /// Totals of the work counters, in the order of [`counter`].
@@ -239,8 +305,28 @@ pub trait Backend {
     fn device(&self) -> &DeviceInfo;
 
     /// Takes a scene, clears the film (`frame.width` x `frame.height`) and the counters, and makes the pipelines
-    /// with just the code that `features` ask for.
+    /// with just the code that `features` ask for. Then computes what follows from the scene: the height maps' pyramids,
+    /// the heights of triangles and seams, the prisms' boxes, and the BVH over them. The camera may be missing as yet:
+    /// see [`set_view`](Self::set_view). After an error the backend holds an empty scene.
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError>;
+
+    /// What computing that took, and what came of it.
+    fn build_report(&self) -> BuildReport;
+
+    /// The box of each triangle's prism: of the displaced triangle with all its micro-triangles.
+    fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError>;
+
+    /// The tree over the boxes.
+    fn bvh(&mut self) -> Result<Bvh, BackendError>;
+
+    /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
+    /// the shading's settings of `frame`, and with other lights. What of `frame` the scene decides (triangles, N,
+    /// heights, the colour map's size) is not read. Film and counters are cleared; nothing is built.
+    fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
+
+    /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed, and
+    /// the range of heights, which has to follow them. Film and counters are cleared; heights, boxes and BVH are built anew.
+    fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Adds sample number `sample` to every pixel, tile by tile. Calls `progress` with the share done (0 to 1)
     /// between tiles; `Break` ends the pass, and the film keeps what it has.
@@ -253,10 +339,10 @@ pub trait Backend {
     /// The picture so far: linear RGB premultiplied by alpha, row-major, top row first.
     fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError>;
 
-    /// The work counters since `load`.
+    /// The work counters since the film was cleared.
     fn totals(&mut self) -> Result<Totals, BackendError>;
 
-    /// What the device took for the samples since `load`, in milliseconds, without the host's time between
+    /// What the device took for the samples since the film was cleared, in milliseconds, without the host's time between
     /// submissions: by its own clock, or by the host's where it has none. `None` on the CPU.
     fn device_ms(&mut self) -> Option<f64>;
 
@@ -270,18 +356,14 @@ pub trait Backend {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::Displacement;
 
     fn sound() -> (SceneBuffers, Frame, Features) {
         let scene = SceneBuffers {
             vertices: vec![Vertex::default(); 3],
             triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
-            seams: vec![Seams { side_count: [1, 0, 0], ..Seams::default() }],
+            seams: vec![Seams { side_count: [1, 0, 0], reading_count: [0, 1, 0], ..Seams::default() }],
             seam_sides: vec![SeamSide::default()],
             displacements: vec![Displacement { map_width: 3, map_height: 3, ..Displacement::default() }],
-            height_ranges: vec![0; pyramid_words(height_format::UNORM8, 3, 3) as usize],
-            nodes: vec![BvhNode { count: 1, ..BvhNode::default() }],
-            primitives: vec![0],
             height_texels: vec![0; 3],
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
@@ -304,29 +386,64 @@ mod tests {
     }
 
     #[test]
+    fn memory_that_cannot_be_had_is_an_error() {
+        let error = reserved::<u64>("the film", usize::MAX / 32).expect_err("no machine has it");
+        assert!(error.to_string().starts_with("no memory for the film ("), "{error}");
+    }
+
+    #[test]
     fn sound_and_empty_scenes_pass() {
         let (scene, frame, features) = sound();
         assert!(scene.check(&frame, features).is_ok());
         assert!(SceneBuffers::default().check(&Frame::default(), Features::default()).is_ok());
     }
 
+    /// Also where nothing is displaced: seams are decided before anything is traced.
+    #[test]
+    fn seams_are_checked_whatever_the_method() {
+        let (mut scene, frame, features) = sound();
+        scene.seams[0].first_side[0] = 1;
+        assert!(scene.check(&frame, Features { method: method::NONE, ..features }).is_err());
+    }
+
+    #[test]
+    fn only_heights_of_displacements_may_change() {
+        let (scene, ..) = sound();
+        let loaded = &scene.displacements;
+        let changed = |change: fn(&mut Displacement)| {
+            let mut new = loaded.clone();
+            change(&mut new[0]);
+            check_displacements(loaded, &new)
+        };
+        assert!(changed(|d| (d.scale, d.zero, d.height_max) = (-2.0, 0.5, 1.0)).is_ok());
+        let breaks: [fn(&mut Displacement); 6] = [
+            |d| d.map_width = 2,
+            |d| d.map_height = 2,
+            |d| d.first_word = 1,
+            |d| d.first_range = 1,
+            |d| d.scale = f32::NAN,
+            |d| d.height_max = f32::INFINITY,
+        ];
+        assert!(breaks.into_iter().all(|change| changed(change).is_err()));
+        assert!(check_displacements(loaded, &[]).is_err());
+    }
+
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 17] = [
+        let breaks: [(&str, Break); 16] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
-            ("a triangle", |scene, _| scene.primitives[0] = 1),
-            ("BVH node", |scene, _| scene.nodes[0].count = 2),
-            ("BVH node", |scene, _| scene.nodes[0].count = 0),
-            ("BVH node", |scene, _| scene.nodes.clear()),
+            ("fewer triangles", |_, frame| frame.triangle_count = 2),
             ("lights", |_, frame| frame.light_count = 2),
             ("fewer texels", |scene, _| scene.displacements[0].map_width = 5),
             ("fewer texels", |scene, _| scene.displacements[0].first_word = 1),
-            ("fewer texels", |scene, _| scene.displacements[0].first_range = 1),
+            ("pyramids", |scene, _| scene.displacements[0].first_range = 1),
             ("triangle names a height map", |scene, _| scene.triangles[0].displacement = 1),
             ("names seams", |scene, _| scene.triangles[0].seams = 1),
             ("names sides", |scene, _| scene.seams[0].first_side[0] = 1),
             ("names sides", |scene, _| scene.seams[0].flags = 1 << 4),
+            ("names sides", |scene, _| scene.seams[0].first_reading[1] = 1),
+            ("names sides", |scene, _| scene.seams[0].flags = 1 << 2),
             ("side names a height map", |scene, _| scene.seam_sides[0].displacement = 1),
             ("N is not", |_, frame| frame.subdivisions = 0),
             ("colour map", |_, frame| frame.color_width = 4),

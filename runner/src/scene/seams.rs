@@ -2,19 +2,17 @@
 //! there instead, so that the displaced surface has no crack. See [`Seams`].
 
 use super::Mesh;
-use emboss_kernels::displacement::height_pyramid::uv_box_bounds;
-use emboss_kernels::displacement::surface::HeightField;
 use emboss_kernels::interface::{NO_SEAMS, SeamSide, Seams, Triangle, Vertex};
-use emboss_kernels::math::UNIT_ROUNDOFF;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
 /// The seams of a mesh. Empty where all neighbours share their vertices.
 #[derive(Clone, Debug, Default)]
 pub struct SeamTable {
-    /// One for each triangle that has some; heights are left for [`decide_heights`].
+    /// One for each triangle that has some; heights are left for backends
+    /// ([`decide_seams`](emboss_kernels::displacement::seams::decide_seams)).
     pub seams: Vec<Seams>,
-    /// What seams read their heights from.
+    /// What seams and decided corners read their heights from.
     pub sides: Vec<SeamSide>,
 }
 
@@ -37,8 +35,8 @@ impl SeamTable {
         let directions = decided_directions(mesh, &place_of);
         let edges = edges(mesh, &place_of);
         let mut table = SeamTable::default();
-        // The seam on each edge of each triangle: its first side, and how many it has.
-        let mut seam_of: HashMap<(u32, usize), (u32, u32)> = HashMap::new();
+        // The seam on each edge of each triangle.
+        let mut seam_of: HashMap<(u32, usize), Run> = HashMap::new();
         let mut keys: Vec<_> = edges.keys().copied().collect();
         keys.sort_unstable();
         for key in keys {
@@ -53,13 +51,14 @@ impl SeamTable {
                     table.sides.push(read);
                 }
             }
-            let count = index(table.sides.len()) - first;
+            let run = Run { first, count: index(table.sides.len()) - first };
             for side in sides {
-                seam_of.insert((side.triangle, side.edge), (first, count));
+                seam_of.insert((side.triangle, side.edge), run);
             }
         }
+        let corner_at = decided_corners(mesh, &place_of, directions, &mut table.sides);
         for i in 0..mesh.triangles.len() {
-            let seams = seams_of(mesh, index(i), &place_of, &directions, &seam_of);
+            let seams = seams_of(mesh, index(i), &place_of, &corner_at, &seam_of);
             mesh.triangles[i].seams = NO_SEAMS;
             if seams.flags != 0 {
                 mesh.triangles[i].seams = index(table.seams.len());
@@ -70,23 +69,71 @@ impl SeamTable {
     }
 }
 
+/// Entries of the table of sides, one behind the other.
+#[derive(Clone, Copy)]
+struct Run {
+    first: u32,
+    count: u32,
+}
+
+/// What is decided at a place: the direction, and what its height is read from.
+#[derive(Clone, Copy)]
+struct Corner {
+    direction: Vec3,
+    readings: Run,
+}
+
+/// Adds the different readings at each place that has a direction to `sides`, as sides of no length, in the order of
+/// their triangles.
+fn decided_corners(
+    mesh: &Mesh,
+    place_of: &[u32],
+    directions: HashMap<u32, Vec3>,
+    sides: &mut Vec<SeamSide>,
+) -> HashMap<u32, Corner> {
+    let mut readings: HashMap<u32, Vec<SeamSide>> = HashMap::new();
+    for triangle in &mesh.triangles {
+        for vertex in triangle.vertices {
+            let place = place_of[vertex as usize];
+            if directions.contains_key(&place) {
+                let Vertex { u, v, .. } = mesh.vertices[vertex as usize];
+                let reading = SeamSide { start: [u, v], end: [u, v], displacement: triangle.displacement };
+                let at_place = readings.entry(place).or_default();
+                if !at_place.contains(&reading) {
+                    at_place.push(reading);
+                }
+            }
+        }
+    }
+    let mut places: Vec<_> = directions.into_iter().collect();
+    places.sort_unstable_by_key(|&(place, _)| place);
+    let corner = |(place, direction): (u32, Vec3)| {
+        let first = index(sides.len());
+        sides.extend(&readings[&place]);
+        (place, Corner { direction, readings: Run { first, count: index(sides.len()) - first } })
+    };
+    places.into_iter().map(corner).collect()
+}
+
 /// The seams of one triangle, its heights not decided.
 fn seams_of(
     mesh: &Mesh,
     triangle: u32,
     place_of: &[u32],
-    directions: &HashMap<u32, Vec3>,
-    seam_of: &HashMap<(u32, usize), (u32, u32)>,
+    corner_at: &HashMap<u32, Corner>,
+    seam_of: &HashMap<(u32, usize), Run>,
 ) -> Seams {
     let mut seams = Seams::default();
     for (e, vertex) in mesh.triangles[triangle as usize].vertices.into_iter().enumerate() {
-        let decided = directions.get(&place_of[vertex as usize]);
-        let direction = decided.copied().unwrap_or(mesh.vertices[vertex as usize].normal);
-        seams.directions[e] = direction.to_array();
-        seams.flags |= u32::from(decided.is_some()) << e;
-        if let Some(&(first, count)) = seam_of.get(&(triangle, e)) {
+        seams.directions[e] = mesh.vertices[vertex as usize].normal.to_array();
+        if let Some(corner) = corner_at.get(&place_of[vertex as usize]) {
+            seams.flags |= 1 << e;
+            seams.directions[e] = corner.direction.to_array();
+            (seams.first_reading[e], seams.reading_count[e]) = (corner.readings.first, corner.readings.count);
+        }
+        if let Some(side) = seam_of.get(&(triangle, e)) {
             seams.flags |= 8 << e;
-            (seams.first_side[e], seams.side_count[e]) = (first, count);
+            (seams.first_side[e], seams.side_count[e]) = (side.first, side.count);
         }
     }
     seams
@@ -179,71 +226,6 @@ fn seam_side(mesh: &Mesh, side: Side) -> SeamSide {
     SeamSide { start, end, displacement: triangle.displacement }
 }
 
-/// Decides the heights that depend on maps: at each decided corner the mean of what its different texture coordinates
-/// give, along each seam the range.
-pub fn decide_heights(
-    field: &HeightField<'_>,
-    vertices: &[Vertex],
-    triangles: &[Triangle],
-    seams: &mut [Seams],
-    sides: &[SeamSide],
-) {
-    type Reading = ([u32; 2], u32);
-    // The decided corners, each with its triangle.
-    let with_seams = triangles.iter().filter(|triangle| triangle.seams != NO_SEAMS);
-    let corners: Vec<(&Triangle, usize)> = with_seams
-        .flat_map(|triangle| (0..3).map(move |e| (triangle, e)))
-        .filter(|(triangle, e)| seams[triangle.seams as usize].flags >> e & 1 != 0)
-        .collect();
-    let mut readings: HashMap<[u32; 3], Vec<Reading>> = HashMap::new();
-    for &(triangle, e) in &corners {
-        let Vertex { position, u, v, .. } = vertices[triangle.vertices[e] as usize];
-        // As with positions, -0 counts as 0.
-        let reading = ([u, v].map(|x| (x + 0.0).to_bits()), triangle.displacement);
-        let at_place = readings.entry(key(position)).or_default();
-        if !at_place.contains(&reading) {
-            at_place.push(reading);
-        }
-    }
-    let height = |(uv, map): &Reading| {
-        let uv = Vec2::from_array(uv.map(f32::from_bits));
-        f64::from(field.height(&field.displacement(*map), uv))
-    };
-    let means: HashMap<[u32; 3], f32> =
-        readings.iter().map(|(&place, readings)| (place, mean(readings.iter().map(height)))).collect();
-    for &(triangle, e) in &corners {
-        let place = key(vertices[triangle.vertices[e] as usize].position);
-        seams[triangle.seams as usize].heights[e] = means[&place];
-    }
-    for seams in seams {
-        for e in (0..3).filter(|e| seams.flags >> (3 + e) & 1 != 0) {
-            let first = seams.first_side[e] as usize;
-            let sides = &sides[first..first + seams.side_count[e] as usize];
-            let ranges: Vec<(f32, f32)> = sides
-                .iter()
-                .map(|side| {
-                    let ends = [Vec2::from_array(side.start), Vec2::from_array(side.end)];
-                    uv_box_bounds(field, side.displacement, &ends)
-                })
-                .collect();
-            let low = mean(ranges.iter().map(|range| f64::from(range.0)));
-            let high = mean(ranges.iter().map(|range| f64::from(range.1)));
-            // A kernel's mean takes a rounding for each side and 2.5 ulp for the division.
-            let magnitude =
-                ranges.iter().fold(0.0, |most: f32, range| most.max(range.0.abs()).max(range.1.abs()));
-            let error = magnitude * UNIT_ROUNDOFF * (6 + sides.len()) as f32;
-            (seams.height_min[e], seams.height_max[e]) = (low - error, high + error);
-        }
-    }
-}
-
-/// The mean of some numbers, at least one.
-#[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
-fn mean(numbers: impl ExactSizeIterator<Item = f64>) -> f32 {
-    let count = numbers.len() as f64;
-    (numbers.sum::<f64>() / count) as f32
-}
-
 /// A position's bits, equal where its coordinates are: -0 counts as 0.
 fn key(position: Vec3) -> [u32; 3] {
     position.to_array().map(|x| (x + 0.0).to_bits())
@@ -257,10 +239,11 @@ fn index(count: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Job, Scene, prepare};
+    use crate::backend::host_scene::HostScene;
+    use crate::render::{Scene, prepare};
     use crate::scene::{HeightMap, Relief};
     use crate::settings::{Normals, Settings, Weld, Wrap};
-    use emboss_kernels::displacement::surface::BaseTriangle;
+    use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
     use emboss_kernels::interface::height_format;
 
     /// A number in [-1, 1) that looks random.
@@ -307,22 +290,23 @@ mod tests {
         Scene { mesh, reliefs: (0..maps).map(relief).collect(), color_map: None, subdivisions: 1 }
     }
 
-    fn job(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> Job {
+    fn host_scene(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> HostScene {
         let settings =
             Settings { width: 1, height: 1, wrap: Wrap::Mirror, normals, weld, ..Settings::default() };
-        prepare(Scene { subdivisions, ..scene.clone() }, &settings).expect("framed")
+        let job = prepare(Scene { subdivisions, ..scene.clone() }, &settings).expect("sound maps");
+        HostScene::new(&job.buffers, &job.frame, job.features).expect("a small scene fits")
     }
 
     /// Where a micro-vertex stands on the base mesh: the positions of an edge's ends, and how far along it.
     type Place = ([u32; 3], [u32; 3], u32);
 
     /// The positions that triangles give the micro-vertices on their borders.
-    fn border(job: &Job) -> HashMap<Place, Vec<[u32; 3]>> {
-        let view = job.buffers.view(&job.frame);
-        let field = HeightField::new(&view, job.features);
-        let n = job.frame.subdivisions;
+    fn border(scene: &HostScene) -> HashMap<Place, Vec<[u32; 3]>> {
+        let view = scene.view();
+        let field = HeightField::new(&view, scene.features());
+        let n = field.subdivisions;
         let mut border: HashMap<_, Vec<_>> = HashMap::new();
-        for primitive in 0..job.frame.triangle_count {
+        for primitive in 0..view.frame.triangle_count {
             let base = BaseTriangle::load(&view, primitive);
             for (j, k) in (0..=n).flat_map(|j| (0..=n - j).map(move |k| (j, k))) {
                 let weights = [(n - j - k, base.p0), (j, base.p1), (k, base.p2)];
@@ -339,8 +323,8 @@ mod tests {
         border
     }
 
-    fn cracks(job: &Job) -> usize {
-        let border = border(job);
+    fn cracks(scene: &HostScene) -> usize {
+        let border = border(scene);
         assert!(border.values().all(|positions| positions.len() >= 2), "the mesh is closed");
         border.values().filter(|positions| positions.iter().any(|p| *p != positions[0])).count()
     }
@@ -353,10 +337,10 @@ mod tests {
             let scene = octahedron(split_normals, split_uv, maps);
             for n in [1, 2, 3, 7, 16] {
                 for normals in [Normals::Normalized, Normals::Linear] {
-                    assert_eq!(cracks(&job(&scene, n, normals, Weld::On)), 0, "N = {n}");
-                    let raw = job(&scene, n, normals, Weld::Off);
+                    assert_eq!(cracks(&host_scene(&scene, n, normals, Weld::On)), 0, "N = {n}");
+                    let raw = host_scene(&scene, n, normals, Weld::Off);
                     assert!(cracks(&raw) > 0, "without welding there is nothing to test");
-                    assert_eq!(raw.features.seams, 0);
+                    assert_eq!(raw.features().seams, 0);
                 }
             }
         }
@@ -364,10 +348,10 @@ mod tests {
 
     #[test]
     fn neighbours_that_agree_have_no_seams() {
-        let job = job(&octahedron(false, false, 1), 4, Normals::Normalized, Weld::On);
-        assert!(job.buffers.seams.is_empty() && job.buffers.seam_sides.is_empty());
-        assert_eq!(job.features.seams, 0);
-        assert_eq!(cracks(&job), 0);
+        let scene = host_scene(&octahedron(false, false, 1), 4, Normals::Normalized, Weld::On);
+        assert!(scene.view().seams.is_empty() && scene.view().seam_sides.is_empty());
+        assert_eq!(scene.features().seams, 0);
+        assert_eq!(cracks(&scene), 0);
     }
 
     /// A tetrahedron with a T-junction: a vertex halfway along one edge belongs to one face there, which is cut in
@@ -402,9 +386,9 @@ mod tests {
             let scene = Scene { mesh, ..octahedron(false, false, 1) };
             for n in [1, 3, 8] {
                 for normals in [Normals::Normalized, Normals::Linear] {
-                    let job = job(&scene, n, normals, Weld::On);
-                    assert_eq!(job.features.seams, u32::from(split_normals || split_uv));
-                    assert_eq!(cracks(&job), 0, "N = {n}");
+                    let scene = host_scene(&scene, n, normals, Weld::On);
+                    assert_eq!(scene.features().seams, u32::from(split_normals || split_uv));
+                    assert_eq!(cracks(&scene), 0, "N = {n}");
                 }
             }
         }
@@ -427,9 +411,9 @@ mod tests {
         mesh.triangles[1].displacement = 1;
         let relief = |height: f32| Relief { map: HeightMap::flat(height), zero: 0.0, scale: 1.0 };
         let scene = Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
-        let job = job(&scene, 4, Normals::Normalized, Weld::On);
-        let view = job.buffers.view(&job.frame);
-        let field = HeightField::new(&view, job.features);
+        let scene = host_scene(&scene, 4, Normals::Normalized, Weld::On);
+        let view = scene.view();
+        let field = HeightField::new(&view, scene.features());
         let base = BaseTriangle::load(&view, 0);
         let half = 2.0 * std::f32::consts::FRAC_1_SQRT_2;
         // On the fold both ends and the middle are lifted by 2 towards (0, 1, 1); the corner across by its own 1.
@@ -440,7 +424,7 @@ mod tests {
         assert_eq!(base.micro_vertex(&field, 0, 4), Vec3::new(0.0, 4.0, 1.0));
         assert_eq!(base.micro_vertex(&field, 1, 1), Vec3::new(1.0, 1.0, 1.0));
         // Ranges hold what they are of.
-        let seams = job.buffers.seams[0];
+        let seams = view.seams[0];
         assert_eq!((seams.flags & 7, seams.heights), (3, [2.0, 2.0, 0.0]));
         assert!(seams.height_min[2] <= 2.0 && seams.height_max[2] >= 2.0 && seams.height_max[2] < 2.001);
     }

@@ -20,17 +20,33 @@ use std::sync::Arc;
 
 const SMALLER_MODEL: &str = "use a model of fewer triangles, or --backend cpu";
 
-/// A tree on the device, with what a refit needs.
-pub(super) struct Tree {
-    count: u32,
+/// A tree on the device: what is traced, and what else a refit needs.
+#[derive(Clone, Copy)]
+pub(super) struct Tree<'a> {
     /// [`BOX_FLOATS`] floats for each primitive.
-    pub(super) boxes: Buffer,
-    pub(super) nodes: Buffer,
-    pub(super) primitives: Buffer,
-    state: Buffer,
+    pub(super) boxes: &'a Buffer,
+    /// Twice as many nodes, less one.
+    pub(super) nodes: &'a Buffer,
+    /// A word for each primitive.
+    pub(super) primitives: &'a Buffer,
+    pub(super) state: &'a TreeState,
+}
+
+/// The part of a tree that only its builder reads.
+pub(super) struct TreeState {
+    count: u32,
+    header: Buffer,
     arrivals: Buffer,
     parents: Buffer,
     costs: Buffer,
+}
+
+/// A tree by itself.
+pub(super) struct OwnTree {
+    boxes: Buffer,
+    nodes: Buffer,
+    primitives: Buffer,
+    state: TreeState,
 }
 
 /// What only a build needs.
@@ -81,34 +97,34 @@ fn words(device: &Arc<Device>, name: &'static str, count: u32) -> Result<Buffer,
     Buffer::for_kernels(device, Label { name, remedy: SMALLER_MODEL }, bytes)
 }
 
-impl Tree {
+impl OwnTree {
     /// Room for a tree over `count` primitives.
     pub(super) fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
         let pairs = count.max(1);
-        let nodes = 2 * pairs - 1;
-        Ok(Tree {
-            count,
+        Ok(OwnTree {
             boxes: words(device, "the boxes of prisms", pairs * BOX_FLOATS)?,
-            nodes: words(device, "the BVH", nodes * NODE_WORDS)?,
+            nodes: words(device, "the BVH", (2 * pairs - 1) * NODE_WORDS)?,
             primitives: words(device, "the BVH's primitives", pairs)?,
-            state: words(device, "the state of the BVH's build", header::WORDS)?,
-            arrivals: words(device, "the BVH's arrivals", pairs)?,
-            parents: words(device, "the BVH's parents", pairs)?,
-            costs: words(device, "the BVH's costs", nodes.div_ceil(refit::BLOCK))?,
+            state: TreeState::new(device, count)?,
         })
     }
 
-    fn at(&self, binding: u32) -> Option<&Buffer> {
-        match binding {
-            binding::BOXES => Some(&self.boxes),
-            binding::NODES => Some(&self.nodes),
-            binding::PRIMITIVES => Some(&self.primitives),
-            binding::BUILD_STATE => Some(&self.state),
-            binding::ARRIVALS => Some(&self.arrivals),
-            binding::PARENTS => Some(&self.parents),
-            binding::COSTS => Some(&self.costs),
-            _ => None,
-        }
+    pub(super) fn tree(&self) -> Tree<'_> {
+        Tree { boxes: &self.boxes, nodes: &self.nodes, primitives: &self.primitives, state: &self.state }
+    }
+}
+
+impl TreeState {
+    /// For a tree over `count` primitives.
+    pub(super) fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
+        let pairs = count.max(1);
+        Ok(TreeState {
+            count,
+            header: words(device, "the state of the BVH's build", header::WORDS)?,
+            arrivals: words(device, "the BVH's arrivals", pairs)?,
+            parents: words(device, "the BVH's parents", pairs)?,
+            costs: words(device, "the BVH's costs", (2 * pairs - 1).div_ceil(refit::BLOCK))?,
+        })
     }
 
     /// How many primitives there are.
@@ -116,22 +132,43 @@ impl Tree {
         self.count
     }
 
-    /// The tree, copied to the host.
-    pub(super) fn read(&self, commands: &Commands, transfers: &Transfers) -> Result<Bvh, BackendError> {
-        if self.count == 0 {
-            return Ok(Bvh::default());
-        }
-        let sound = self.sound(commands, transfers)?;
-        Ok(Bvh {
-            nodes: transfers.read(commands, &self.nodes, refit::node_count(sound) as usize)?,
-            primitives: transfers.read(commands, &self.primitives, self.count as usize)?,
-        })
-    }
-
     /// How many primitives are in the tree: the others have no sound box.
     pub(super) fn sound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
-        let state: Vec<u32> = transfers.read(commands, &self.state, header::WORDS as usize)?;
-        Ok(state[header::SOUND as usize])
+        let header: Vec<u32> = transfers.read(commands, &self.header, header::WORDS as usize)?;
+        Ok(header[header::SOUND as usize])
+    }
+
+    /// How many primitives of the tree a refit found without a sound box.
+    pub(super) fn unsound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
+        let header: Vec<u32> = transfers.read(commands, &self.header, header::WORDS as usize)?;
+        Ok(header[header::UNSOUND as usize])
+    }
+}
+
+impl<'a> Tree<'a> {
+    fn at(self, binding: u32) -> Option<&'a Buffer> {
+        match binding {
+            binding::BOXES => Some(self.boxes),
+            binding::NODES => Some(self.nodes),
+            binding::PRIMITIVES => Some(self.primitives),
+            binding::BUILD_STATE => Some(&self.state.header),
+            binding::ARRIVALS => Some(&self.state.arrivals),
+            binding::PARENTS => Some(&self.state.parents),
+            binding::COSTS => Some(&self.state.costs),
+            _ => None,
+        }
+    }
+
+    /// The tree, copied to the host.
+    pub(super) fn read(self, commands: &Commands, transfers: &Transfers) -> Result<Bvh, BackendError> {
+        if self.state.count == 0 {
+            return Ok(Bvh::default());
+        }
+        let sound = self.state.sound(commands, transfers)?;
+        Ok(Bvh {
+            nodes: transfers.read(commands, self.nodes, refit::node_count(sound) as usize)?,
+            primitives: transfers.read(commands, self.primitives, self.state.count as usize)?,
+        })
     }
 }
 
@@ -207,9 +244,9 @@ impl Builder {
         &self,
         device: &Arc<Device>,
         commands: &Commands,
-        tree: &Tree,
+        tree: Tree<'_>,
     ) -> Result<BuildTimes, BackendError> {
-        let count = tree.count;
+        let count = tree.state.count;
         if count > MAX_PRIMITIVES {
             return Err(BackendError::TooLarge {
                 name: "the BVH",
@@ -232,7 +269,7 @@ impl Builder {
         Ok(BuildTimes { codes, sort, treelets, top })
     }
 
-    fn bind(&self, tree: &Tree, scratch: &Scratch) {
+    fn bind(&self, tree: Tree<'_>, scratch: &Scratch) {
         self.sorter.bind(SortBuffers {
             keys: &scratch.keys,
             values: &scratch.values,
@@ -257,18 +294,25 @@ impl Builder {
         }
     }
 
-    fn record(&self, recorder: &Recorder<'_>, tree: &Tree, scratch: &Scratch, step: &BuildStep, bits: u32) {
+    fn record(
+        &self,
+        recorder: &Recorder<'_>,
+        tree: Tree<'_>,
+        scratch: &Scratch,
+        step: &BuildStep,
+        bits: u32,
+    ) {
         let count = step.count;
         let dispatch = |pipeline: &Pipeline, step: &BuildStep, groups: u32| {
             recorder.dispatch(pipeline, bytes_of(step), rows(groups));
             recorder.barrier();
         };
         let indirect = |pipeline: &Pipeline, step: &BuildStep, word: u32| {
-            recorder.dispatch_indirect(pipeline, bytes_of(step), &tree.state, word);
+            recorder.dispatch_indirect(pipeline, bytes_of(step), &tree.state.header, word);
             recorder.barrier();
         };
-        recorder.fill(&tree.state, 0);
-        recorder.fill(&tree.arrivals, u32::MAX);
+        recorder.fill(&tree.state.header, 0);
+        recorder.fill(&tree.state.arrivals, u32::MAX);
         recorder.fill(&scratch.treelets, 0);
         recorder.fill(&scratch.bins, 0);
         recorder.barrier();
@@ -302,9 +346,9 @@ impl Builder {
     }
 
     /// Gives the tree the boxes that its primitives have now. Returns the device's time in milliseconds.
-    pub(super) fn refit(&self, commands: &Commands, tree: &Tree) -> Result<f64, BackendError> {
-        self.refit.bind(|at| tree.at(at).unwrap_or(&tree.state));
-        let nodes = 2 * tree.count.max(1) - 1;
+    pub(super) fn refit(&self, commands: &Commands, tree: Tree<'_>) -> Result<f64, BackendError> {
+        self.refit.bind(|at| tree.at(at).unwrap_or(tree.nodes));
+        let nodes = 2 * tree.state.count.max(1) - 1;
         commands.run("refitting the BVH", |recorder| {
             recorder.dispatch(&self.refit, &[], rows(nodes.div_ceil(BATCH_GROUP_SIZE)));
         })
@@ -315,14 +359,14 @@ impl Builder {
         &self,
         commands: &Commands,
         transfers: &Transfers,
-        tree: &Tree,
+        tree: Tree<'_>,
     ) -> Result<f64, BackendError> {
-        self.costs.bind(|at| tree.at(at).unwrap_or(&tree.state));
-        let groups = (2 * tree.count.max(1) - 1).div_ceil(refit::BLOCK);
+        self.costs.bind(|at| tree.at(at).unwrap_or(tree.nodes));
+        let groups = (2 * tree.state.count.max(1) - 1).div_ceil(refit::BLOCK);
         commands.run("measuring the BVH", |recorder| {
             recorder.dispatch(&self.costs, &[], [groups, 1]);
         })?;
-        let costs: Vec<f32> = transfers.read(commands, &tree.costs, groups as usize)?;
+        let costs: Vec<f32> = transfers.read(commands, &tree.state.costs, groups as usize)?;
         Ok(costs.into_iter().map(f64::from).sum())
     }
 }

@@ -32,19 +32,22 @@ mod validation;
 
 pub use validation::ValidationLog;
 
-use crate::backend::{Backend, BackendError, DeviceInfo, SceneBuffers, Totals};
+use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
 use crate::bvh::{BuildTimes, Bvh};
 use buffer::{Buffer, Label};
-use build::{Builder, Tree};
+use build::{Builder, OwnTree};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
-use emboss_kernels::interface::{Counter, FilmPixel, Frame, Intersection, Ray, binding, counter};
+use emboss_kernels::bvh::refit::node_count;
+use emboss_kernels::interface::{
+    Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, Seams, Triangle, binding, counter,
+};
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
 use emboss_kernels::scene::Features;
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use instance::Instance;
 use pipeline::Kernel;
 use programs::Programs;
@@ -53,6 +56,7 @@ use sort::{SortBuffers, Sorter};
 use std::ops::ControlFlow;
 use std::rc::Rc;
 use std::sync::Arc;
+use std::time::Instant;
 use transfers::Transfers;
 
 /// Rays that are on the device at a time; more are traced in turns, so that no number of rays is too large.
@@ -91,8 +95,9 @@ pub struct VulkanBackend {
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
-    /// What the samples took since `load`.
+    /// What the samples took since the film was cleared.
     samples_ms: f64,
+    report: BuildReport,
 }
 
 impl VulkanBackend {
@@ -120,6 +125,7 @@ impl VulkanBackend {
             commands,
             device,
             samples_ms: 0.0,
+            report: BuildReport::default(),
         })
     }
 
@@ -143,8 +149,7 @@ impl VulkanBackend {
         self.transfers.read(&self.commands, self.resident.buffer(binding::FILM), count)
     }
 
-    /// The first `words` words of the height maps' pyramids as the device built them: in the order of the scene's own
-    /// [`height_ranges`](SceneBuffers::height_ranges).
+    /// The first `words` words of the height maps' pyramids as the device built them.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
@@ -210,7 +215,7 @@ impl VulkanBackend {
     /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
     pub fn bvh_over(&mut self, boxes: &[Aabb]) -> Result<DeviceBvh<'_>, BackendError> {
         let builder = self.builder()?;
-        let tree = Tree::new(&self.device, length(boxes))?;
+        let tree = OwnTree::new(&self.device, length(boxes))?;
         let mut bvh = DeviceBvh { backend: self, builder, tree };
         bvh.put_boxes(boxes)?;
         Ok(bvh)
@@ -224,6 +229,65 @@ impl VulkanBackend {
         let builder = Rc::new(Builder::new(&self.device)?);
         self.builder = Some(Rc::clone(&builder));
         Ok(builder)
+    }
+
+    /// The first `triangles` triangles and `seams` entries of the seams' table, with the heights that the device computed.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], or another error of the driver.
+    ///
+    /// # Panics
+    /// Where the scene has fewer.
+    pub fn heights(
+        &mut self,
+        triangles: usize,
+        seams: usize,
+    ) -> Result<(Vec<Triangle>, Vec<Seams>), BackendError> {
+        let triangles =
+            self.transfers.read(&self.commands, self.resident.buffer(binding::TRIANGLES), triangles)?;
+        let seams = self.transfers.read(&self.commands, self.resident.buffer(binding::SEAMS), seams)?;
+        Ok((triangles, seams))
+    }
+
+    /// Compiles what the scene needs before it is traced, so that its time is not part of the build's.
+    fn compile_preparation(&mut self, resident: &Resident) -> Result<(), BackendError> {
+        self.programs.get(&self.device, Kernel::HeightPyramid)?;
+        for (kernel, count) in preparation(resident) {
+            if count > 0 {
+                self.programs.get(&self.device, kernel)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything behind the pyramids: the heights of triangles, those of seams, the boxes, and the BVH over them.
+    /// `start` is when the work began.
+    fn prepare_prisms(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
+        for (kernel, count) in preparation(resident) {
+            if count > 0 {
+                let program = self.programs.get(&self.device, kernel)?;
+                program.pipeline().bind(|at| resident.buffer(at));
+                program.run_batches(&self.commands, count, 0)?;
+            }
+        }
+        self.build_bvh(resident, start)
+    }
+
+    /// Builds the tree over the boxes.
+    fn build_bvh(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
+        let builder = self.builder()?;
+        builder.build(&self.device, &self.commands, resident.tree())?;
+        let sound = resident.tree().state.sound(&self.commands, &self.transfers)?;
+        let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
+        self.report = BuildReport { duration: start.elapsed(), nodes, left_out };
+        Ok(())
+    }
+
+    /// Leaves an empty scene in the place of the present one.
+    fn take_scene(&mut self) -> Result<Resident, BackendError> {
+        let empty = empty(&self.device, &self.commands, &mut self.transfers)?;
+        (self.samples_ms, self.report) = (0.0, BuildReport::default());
+        Ok(std::mem::replace(&mut self.resident, empty))
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
@@ -256,21 +320,54 @@ impl Backend for VulkanBackend {
 
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
         // The old scene goes first, to make room. After an error the backend holds an empty one.
-        self.resident = empty(&self.device, &self.commands, &mut self.transfers)?;
-        self.samples_ms = 0.0;
+        self.take_scene()?;
         scene.check(frame, features)?;
         self.programs.set_features(features);
-        self.resident = Resident::new(&self.device, &self.commands, &mut self.transfers, scene, frame)?;
+        let transfers = &mut self.transfers;
+        let resident = Resident::new(&self.device, &self.commands, transfers, scene, frame, features)?;
         // What nothing traces was not checked, and is not read.
         if frame.triangle_count > 0 {
+            self.compile_preparation(&resident)?;
+            let start = Instant::now();
             let program = self.programs.get(&self.device, Kernel::HeightPyramid)?;
-            program.pipeline().bind(|at| self.resident.buffer(at));
+            program.pipeline().bind(|at| resident.buffer(at));
             program.build_pyramids(&self.commands, &scene.displacements)?;
+            self.prepare_prisms(&resident, start)?;
         }
         // Compiled here so that their time is not part of the first sample's.
         for kernel in [Kernel::Render, Kernel::Resolve] {
-            let program = self.programs.get(&self.device, kernel)?;
-            program.pipeline().bind(|at| self.resident.buffer(at));
+            self.programs.get(&self.device, kernel)?;
+        }
+        self.resident = resident;
+        Ok(())
+    }
+
+    fn build_report(&self) -> BuildReport {
+        self.report
+    }
+
+    fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError> {
+        let (boxes, count) = (self.resident.buffer(binding::BOXES), self.resident.triangles() as usize);
+        read_boxes(&self.commands, &self.transfers, boxes, count)
+    }
+
+    fn bvh(&mut self) -> Result<Bvh, BackendError> {
+        self.resident.tree().read(&self.commands, &self.transfers)
+    }
+
+    fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
+        self.samples_ms = 0.0;
+        self.resident.set_view(&self.device, &self.commands, &mut self.transfers, frame, lights)
+    }
+
+    fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
+        self.samples_ms = 0.0;
+        self.resident.set_displacements(&self.commands, &mut self.transfers, displacements)?;
+        if self.resident.triangles() > 0 {
+            // Half-built trees are not traced: after an error the backend holds an empty scene.
+            let resident = self.take_scene()?;
+            self.prepare_prisms(&resident, Instant::now())?;
+            self.resident = resident;
         }
         Ok(())
     }
@@ -280,7 +377,7 @@ impl Backend for VulkanBackend {
         sample: u32,
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, BackendError> {
-        let size = [self.resident.width(), self.resident.height()];
+        let size = self.resident.size();
         let program = self.programs.get(&self.device, Kernel::Render)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
         let pass = program.run_tiles(&self.commands, size, sample, progress)?;
@@ -289,7 +386,7 @@ impl Backend for VulkanBackend {
     }
 
     fn resolve(&mut self) -> Result<Vec<Vec4>, BackendError> {
-        let size = [self.resident.width(), self.resident.height()];
+        let size = self.resident.size();
         let program = self.programs.get(&self.device, Kernel::Resolve)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
         // Nothing asks to end it early.
@@ -343,7 +440,7 @@ fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a 
 pub struct DeviceBvh<'a> {
     backend: &'a mut VulkanBackend,
     builder: Rc<Builder>,
-    tree: Tree,
+    tree: OwnTree,
 }
 
 impl DeviceBvh<'_> {
@@ -352,7 +449,7 @@ impl DeviceBvh<'_> {
     /// # Errors
     /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
     pub fn build(&mut self) -> Result<BuildTimes, BackendError> {
-        self.builder.build(&self.backend.device, &self.backend.commands, &self.tree)
+        self.builder.build(&self.backend.device, &self.backend.commands, self.tree.tree())
     }
 
     /// Gives the nodes the boxes that the primitives have now. Returns what it took on the device, in milliseconds.
@@ -363,9 +460,9 @@ impl DeviceBvh<'_> {
     /// # Panics
     /// If there are not as many boxes as before.
     pub fn refit(&mut self, boxes: &[Aabb]) -> Result<f64, BackendError> {
-        assert_eq!(boxes.len(), self.tree.count() as usize, "a refit keeps the primitives");
+        assert_eq!(boxes.len(), self.tree.tree().state.count() as usize, "a refit keeps the primitives");
         self.put_boxes(boxes)?;
-        self.builder.refit(&self.backend.commands, &self.tree)
+        self.builder.refit(&self.backend.commands, self.tree.tree())
     }
 
     /// Its SAH cost, as [`BvhStats::sah_cost`](crate::bvh::BvhStats::sah_cost) but in single precision.
@@ -373,7 +470,7 @@ impl DeviceBvh<'_> {
     /// # Errors
     /// An error of the driver.
     pub fn cost(&mut self) -> Result<f64, BackendError> {
-        self.builder.cost(&self.backend.commands, &self.backend.transfers, &self.tree)
+        self.builder.cost(&self.backend.commands, &self.backend.transfers, self.tree.tree())
     }
 
     /// The tree, copied to the host.
@@ -381,13 +478,13 @@ impl DeviceBvh<'_> {
     /// # Errors
     /// An error of the driver.
     pub fn read(&mut self) -> Result<Bvh, BackendError> {
-        self.tree.read(&self.backend.commands, &self.backend.transfers)
+        self.tree.tree().read(&self.backend.commands, &self.backend.transfers)
     }
 
     fn put_boxes(&mut self, boxes: &[Aabb]) -> Result<(), BackendError> {
         let floats: Vec<_> = boxes.iter().flat_map(|bounds| [bounds.min, bounds.max]).collect();
         let VulkanBackend { transfers, commands, .. } = &mut *self.backend;
-        transfers.write(commands, &self.tree.boxes, cast_slice(&floats))
+        transfers.write(commands, self.tree.tree().boxes, cast_slice(&floats))
     }
 }
 
@@ -397,7 +494,29 @@ fn empty(
     commands: &Commands,
     transfers: &mut Transfers,
 ) -> Result<Resident, BackendError> {
-    Resident::new(device, commands, transfers, &SceneBuffers::default(), &Frame::default())
+    let (scene, frame) = (SceneBuffers::default(), Frame::default());
+    Resident::new(device, commands, transfers, &scene, &frame, Features::default())
+}
+
+/// The kernels that prepare prisms in their order, each with how many items it runs over.
+fn preparation(resident: &Resident) -> [(Kernel, u32); 3] {
+    [
+        (Kernel::BoundHeights, resident.triangles()),
+        (Kernel::DecideSeams, resident.seams()),
+        (Kernel::PrismBounds, resident.triangles()),
+    ]
+}
+
+/// The first `count` boxes in a buffer.
+fn read_boxes(
+    commands: &Commands,
+    transfers: &Transfers,
+    boxes: &Buffer,
+    count: usize,
+) -> Result<Vec<Aabb>, BackendError> {
+    let floats: Vec<[f32; 6]> = transfers.read(commands, boxes, count)?;
+    let bounds = |[x, y, z, u, v, w]: [f32; 6]| Aabb { min: Vec3::new(x, y, z), max: Vec3::new(u, v, w) };
+    Ok(floats.into_iter().map(bounds).collect())
 }
 
 /// Length of a slice that is known to be short, or is refused where it is not.

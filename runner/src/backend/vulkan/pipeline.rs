@@ -24,6 +24,9 @@ pub(super) enum Kernel {
     Resolve,
     TraceRays,
     HeightPyramid,
+    BoundHeights,
+    DecideSeams,
+    PrismBounds,
     Probe,
     SumBlocks,
     ScanSerially,
@@ -47,11 +50,14 @@ pub(super) enum Kernel {
 
 impl Kernel {
     #[cfg(test)]
-    const ALL: [Kernel; 23] = [
+    const ALL: [Kernel; 26] = [
         Kernel::Render,
         Kernel::Resolve,
         Kernel::TraceRays,
         Kernel::HeightPyramid,
+        Kernel::BoundHeights,
+        Kernel::DecideSeams,
+        Kernel::PrismBounds,
         Kernel::Probe,
         Kernel::SumBlocks,
         Kernel::ScanSerially,
@@ -79,6 +85,9 @@ impl Kernel {
             Kernel::Resolve => c"resolve",
             Kernel::TraceRays => c"trace_rays",
             Kernel::HeightPyramid => c"height_pyramid",
+            Kernel::BoundHeights => c"bound_heights",
+            Kernel::DecideSeams => c"decide_seams",
+            Kernel::PrismBounds => c"prism_bounds",
             Kernel::Probe => c"probe",
             Kernel::SumBlocks => c"sum_blocks",
             Kernel::ScanSerially => c"scan_serially",
@@ -108,6 +117,9 @@ impl Kernel {
             Kernel::Resolve => "resolving the picture",
             Kernel::TraceRays => "tracing rays",
             Kernel::HeightPyramid => "bounding the height maps",
+            Kernel::BoundHeights => "bounding the triangles' heights",
+            Kernel::DecideSeams => "deciding the seams",
+            Kernel::PrismBounds => "bounding the displaced triangles",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
@@ -167,6 +179,35 @@ impl Kernel {
                 COUNTERS,
             ],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
+            Kernel::BoundHeights | Kernel::DecideSeams => &[
+                FRAME,
+                VERTICES,
+                TRIANGLES,
+                NODES,
+                PRIMITIVES,
+                DISPLACEMENTS,
+                HEIGHT_TEXELS,
+                HEIGHT_RANGES,
+                SEAMS,
+                SEAM_SIDES,
+                COLOR_TEXELS,
+                LIGHTS,
+            ],
+            Kernel::PrismBounds => &[
+                FRAME,
+                VERTICES,
+                TRIANGLES,
+                NODES,
+                PRIMITIVES,
+                DISPLACEMENTS,
+                HEIGHT_TEXELS,
+                HEIGHT_RANGES,
+                SEAMS,
+                SEAM_SIDES,
+                COLOR_TEXELS,
+                LIGHTS,
+                BOXES,
+            ],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
             Kernel::ScanSerially => &[SCAN_VALUES],
             Kernel::SumBlocks | Kernel::ScanBlocks => &[SCAN_VALUES, SCAN_SUMS],
@@ -213,7 +254,11 @@ impl Kernel {
     fn push_constant_bytes(self) -> usize {
         match self {
             Kernel::Render | Kernel::Resolve => size_of::<Tile>(),
-            Kernel::TraceRays | Kernel::Probe => size_of::<Batch>(),
+            Kernel::TraceRays
+            | Kernel::BoundHeights
+            | Kernel::DecideSeams
+            | Kernel::PrismBounds
+            | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
             Kernel::CountDigits | Kernel::ScatterPairs => size_of::<SortPass>(),
@@ -247,13 +292,14 @@ pub(super) struct Pipeline {
 impl Pipeline {
     /// Compiles `kernel` with the specialisation constants that `features` give.
     pub(super) fn new(
-        device: &Arc<Device>,
+        module: &Owned<vk::ShaderModule>,
         kernel: Kernel,
         features: Features,
     ) -> Result<Self, BackendError> {
+        let device = module.device();
         let set_layout = set_layout(device, kernel)?;
         let layout = pipeline_layout(&set_layout, kernel)?;
-        let raw = compile(&layout, kernel, features)?;
+        let raw = compile(module, &layout, kernel, features)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
         Ok(Pipeline { kernel, raw, layout, set, _pool: pool, _set_layout: set_layout })
@@ -334,12 +380,12 @@ fn pipeline_layout(
 }
 
 fn compile(
+    module: &Owned<vk::ShaderModule>,
     layout: &Owned<vk::PipelineLayout>,
     kernel: Kernel,
     features: Features,
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let device = layout.device();
-    let module = shader_module(device)?;
     let constants = features.to_array();
     let entries = specialization_entries();
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytes_of(&constants));
@@ -356,7 +402,8 @@ fn compile(
     Owned::new(device, "compiling a kernel", made)
 }
 
-fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModule>, BackendError> {
+/// All kernels, which pipelines are compiled from.
+pub(super) fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModule>, BackendError> {
     // The bytes of a file have no alignment; words do.
     let words = ash::util::read_spv(&mut Cursor::new(MODULE)).map_err(|error| {
         tracing::error!("the built-in kernels are damaged: {error}");

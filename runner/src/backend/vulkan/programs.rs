@@ -1,11 +1,12 @@
 //! Pipelines made when they are needed, each with the pace that it runs at.
 
 use super::commands::Commands;
-use super::device::Device;
+use super::device::{Device, Owned};
 use super::pacer::Pacer;
-use super::pipeline::{Kernel, Pipeline};
+use super::pipeline::{Kernel, Pipeline, shader_module};
 use super::tiles::{self, Tiles};
 use crate::backend::BackendError;
+use ash::vk;
 use bytemuck::{Pod, bytes_of};
 use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPart};
@@ -20,6 +21,8 @@ const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
 #[derive(Default)]
 pub(super) struct Programs {
     features: Features,
+    /// Made when the first pipeline is.
+    module: Option<Owned<vk::ShaderModule>>,
     made: Vec<Program>,
 }
 
@@ -56,7 +59,11 @@ impl Programs {
             Some(index) => index,
             None => {
                 let features = features_of(kernel, self.features);
-                let pipeline = Pipeline::new(device, kernel, features)?;
+                let module = match self.module.take() {
+                    Some(module) => module,
+                    None => shader_module(device)?,
+                };
+                let pipeline = Pipeline::new(self.module.insert(module), kernel, features)?;
                 self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
                 self.made.len() - 1
             }
@@ -79,11 +86,14 @@ fn features_of(kernel: Kernel, features: Features) -> Features {
             seams: features.seams,
             ..Features::default()
         },
-        Kernel::HeightPyramid => Features {
+        Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => Features {
             height_format: features.height_format,
             height_wrap: features.height_wrap,
             ..Features::default()
         },
+        Kernel::PrismBounds => {
+            Features { normals: features.normals, seams: features.seams, ..Features::default() }
+        }
         _ => Features::default(),
     }
 }

@@ -1,12 +1,18 @@
 //! A scene and its film in the device's memory.
 
 use super::buffer::{Buffer, Label, require_room};
+use super::build::{Tree, TreeState};
 use super::commands::Commands;
 use super::device::Device;
 use super::transfers::Transfers;
-use crate::backend::{BackendError, SceneBuffers};
+use crate::backend::{
+    BackendError, SceneBuffers, check_displacements, check_lights, with_displacements, with_view,
+};
 use bytemuck::{bytes_of, cast_slice};
-use emboss_kernels::interface::{Counter, FilmPixel, Frame, binding, counter};
+use emboss_kernels::interface::{
+    BvhNode, Counter, Displacement, FilmPixel, Frame, PointLight, binding, counter,
+};
+use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::sync::Arc;
 
@@ -20,12 +26,21 @@ const SMALLER_SIZE: &str = "use a smaller --size, or --backend cpu";
 const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
-/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], which live as long as the scene.
+/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`] and [`binding::BOXES`], which live as long as the
+/// scene.
 pub(super) struct Resident {
-    /// Indexed by binding.
+    /// By binding, but for the last one: the boxes.
     buffers: Vec<Buffer>,
-    width: u32,
-    height: u32,
+    frame: Frame,
+    displacements: Vec<Displacement>,
+    /// How many entries of the seams' table are read.
+    seams: u32,
+    tree: TreeState,
+}
+
+/// Where a binding's buffer stands in [`Resident::buffers`].
+fn place_of(binding: u32) -> usize {
+    if binding == binding::BOXES { binding::COUNTERS as usize + 1 } else { binding as usize }
 }
 
 /// What one of the buffers holds at first.
@@ -38,77 +53,192 @@ struct Content<'a> {
 }
 
 impl Resident {
-    /// Uploads a scene and makes an empty film for it. Sizes are checked before anything is allocated.
+    /// Uploads a scene, which is checked, and makes an empty film for it. Sizes are checked before anything is allocated.
     pub(super) fn new(
         device: &Arc<Device>,
         commands: &Commands,
         transfers: &mut Transfers,
         scene: &SceneBuffers,
         frame: &Frame,
+        features: Features,
     ) -> Result<Self, BackendError> {
-        let contents = contents(scene, frame);
+        let contents = contents(scene, frame, features);
         require_room_for_all(device, &contents)?;
         let buffers: Vec<_> = contents
             .iter()
             .map(|content| Buffer::for_kernels(device, content.label, content.bytes))
             .collect::<Result<_, _>>()?;
         for (buffer, content) in buffers.iter().zip(&contents) {
-            match content.data {
-                Some(data) if !data.is_empty() => transfers.write(commands, buffer, data)?,
-                _ => commands.run("clearing", |recorder| recorder.fill(buffer, 0)).map(drop)?,
-            }
+            content.fill(commands, transfers, buffer)?;
         }
-        Ok(Resident { buffers, width: frame.width, height: frame.height })
+        let seams = if features.seams == 0 { 0 } else { scene.seams.len() };
+        Ok(Resident {
+            buffers,
+            frame: *frame,
+            displacements: scene.displacements.clone(),
+            // A buffer holds them.
+            seams: u32::try_from(seams).unwrap_or(u32::MAX),
+            tree: TreeState::new(device, frame.triangle_count)?,
+        })
     }
 
-    /// The buffer of a binding up to [`binding::COUNTERS`].
+    /// Looks at the scene in another way; see [`Backend::set_view`](crate::backend::Backend::set_view).
+    pub(super) fn set_view(
+        &mut self,
+        device: &Arc<Device>,
+        commands: &Commands,
+        transfers: &mut Transfers,
+        frame: &Frame,
+        lights: &[PointLight],
+    ) -> Result<(), BackendError> {
+        check_lights(frame, lights)?;
+        let lights = lights_content(lights);
+        let place = place_of(binding::LIGHTS);
+        if lights.bytes > self.buffers[place].bytes() {
+            self.buffers[place] = Buffer::for_kernels(device, lights.label, lights.bytes)?;
+        }
+        lights.fill(commands, transfers, &self.buffers[place])?;
+        let frame = with_view(&self.frame, frame);
+        if (frame.width, frame.height) != (self.frame.width, self.frame.height) {
+            // The old film goes first, so that two need not fit side by side.
+            self.resize_film(device, &Frame::default())?;
+            self.resize_film(device, &frame)?;
+        }
+        self.frame = frame;
+        transfers.write(commands, self.buffer(binding::FRAME), bytes_of(&frame))?;
+        self.clear_film(commands)
+    }
+
+    /// Replaces film and picture by those of a frame. What they hold is undefined.
+    fn resize_film(&mut self, device: &Arc<Device>, frame: &Frame) -> Result<(), BackendError> {
+        for (binding, content) in film_contents(frame) {
+            self.buffers[place_of(binding)] = Buffer::for_kernels(device, content.label, content.bytes)?;
+        }
+        (self.frame.width, self.frame.height) = (frame.width, frame.height);
+        Ok(())
+    }
+
+    /// Takes other heights of the same maps.
+    pub(super) fn set_displacements(
+        &mut self,
+        commands: &Commands,
+        transfers: &mut Transfers,
+        displacements: &[Displacement],
+    ) -> Result<(), BackendError> {
+        check_displacements(&self.displacements, displacements)?;
+        self.displacements.copy_from_slice(displacements);
+        self.frame = with_displacements(&self.frame, displacements);
+        transfers.write(commands, self.buffer(binding::DISPLACEMENTS), cast_slice(displacements))?;
+        transfers.write(commands, self.buffer(binding::FRAME), bytes_of(&self.frame))?;
+        self.clear_film(commands)
+    }
+
+    /// Clears the film and the counters.
+    fn clear_film(&self, commands: &Commands) -> Result<(), BackendError> {
+        for binding in [binding::FILM, binding::COUNTERS] {
+            commands.run("clearing", |recorder| recorder.fill(self.buffer(binding), 0))?;
+        }
+        Ok(())
+    }
+
+    /// The buffer of a binding up to [`binding::COUNTERS`], or of the boxes.
     pub(super) fn buffer(&self, binding: u32) -> &Buffer {
-        &self.buffers[binding as usize]
+        &self.buffers[place_of(binding)]
     }
 
-    /// Width of the film in pixels.
-    pub(super) fn width(&self) -> u32 {
-        self.width
-    }
-
-    /// Height of the film in pixels.
-    pub(super) fn height(&self) -> u32 {
-        self.height
+    /// Width and height of the film in pixels.
+    pub(super) fn size(&self) -> [u32; 2] {
+        [self.frame.width, self.frame.height]
     }
 
     /// How many pixels the film has: below 2³², since a buffer holds them.
     pub(super) fn pixels(&self) -> u32 {
-        self.width * self.height
+        self.frame.width * self.frame.height
+    }
+
+    /// The tree over the triangles.
+    pub(super) fn tree(&self) -> Tree<'_> {
+        Tree {
+            boxes: self.buffer(binding::BOXES),
+            nodes: self.buffer(binding::NODES),
+            primitives: self.buffer(binding::PRIMITIVES),
+            state: &self.tree,
+        }
+    }
+
+    /// How many triangles are traced.
+    pub(super) fn triangles(&self) -> u32 {
+        self.frame.triangle_count
+    }
+
+    /// How many entries of the seams' table are read.
+    pub(super) fn seams(&self) -> u32 {
+        self.seams
     }
 }
 
-/// What each buffer holds, in the order of bindings.
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 1] {
-    let pixels = u64::from(frame.width) * u64::from(frame.height);
-    let zeros = |name, remedy, count: u64, element: usize| Content {
-        label: Label { name, remedy },
-        // Saturates far above what any device allows.
-        bytes: count.saturating_mul(element as u64),
-        data: None,
-    };
+impl Content<'_> {
+    /// Uploads it, or clears the buffer.
+    fn fill(
+        &self,
+        commands: &Commands,
+        transfers: &mut Transfers,
+        buffer: &Buffer,
+    ) -> Result<(), BackendError> {
+        match self.data {
+            Some(data) if !data.is_empty() => transfers.write(commands, buffer, data),
+            _ => commands.run("clearing", |recorder| recorder.fill(buffer, 0)).map(drop),
+        }
+    }
+}
+
+/// What each buffer holds, in the order of bindings, the boxes last.
+fn contents<'a>(
+    scene: &'a SceneBuffers,
+    frame: &'a Frame,
+    features: Features,
+) -> [Content<'a>; binding::COUNTERS as usize + 2] {
+    let triangles = u64::from(frame.triangle_count);
+    // What nothing traces was not checked, and has no pyramids.
+    let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words(features) };
+    let [(_, film), (_, picture)] = film_contents(frame);
     [
         uploaded("the frame", SMALLER_SCENE, bytes_of(frame)),
         uploaded("the vertices", SMALLER_MODEL, cast_slice(&scene.vertices)),
         uploaded("the triangles", SMALLER_MODEL, cast_slice(&scene.triangles)),
-        uploaded("the BVH", SMALLER_MODEL, cast_slice(&scene.nodes)),
-        uploaded("the BVH's primitives", SMALLER_MODEL, cast_slice(&scene.primitives)),
+        // A leaf for each triangle, and the inner nodes between them.
+        zeros("the BVH", SMALLER_MODEL, (2 * triangles).saturating_sub(1), size_of::<BvhNode>()),
+        zeros("the BVH's primitives", SMALLER_MODEL, triangles, size_of::<u32>()),
         uploaded("the height maps' settings", SMALLER_SCENE, cast_slice(&scene.displacements)),
         uploaded("the height maps", SMALLER_MAP, cast_slice(&scene.height_texels)),
-        // Built on the device: see `Program::build_pyramids`.
-        zeros("the height maps' pyramids", SMALLER_MAP, scene.height_ranges.len() as u64, size_of::<u32>()),
+        zeros("the height maps' pyramids", SMALLER_MAP, pyramid_words, size_of::<u32>()),
         uploaded("the seams", SMALLER_MODEL, cast_slice(&scene.seams)),
         uploaded("the seams' sides", SMALLER_MODEL, cast_slice(&scene.seam_sides)),
         uploaded("the colour map", SMALLER_MAP, cast_slice(&scene.color_texels)),
-        uploaded("the lights", "use fewer lights", cast_slice(&scene.lights)),
-        zeros("the film", SMALLER_SIZE, pixels, size_of::<FilmPixel>()),
-        zeros("the picture", SMALLER_SIZE, pixels, size_of::<Vec4>()),
+        lights_content(&scene.lights),
+        film,
+        picture,
         zeros("the counters", SMALLER_SCENE, counter::COUNT as u64, size_of::<Counter>()),
+        zeros("the prisms' boxes", SMALLER_MODEL, 6 * triangles, size_of::<f32>()),
     ]
+}
+
+fn lights_content(lights: &[PointLight]) -> Content<'_> {
+    uploaded("the lights", "use fewer lights", cast_slice(lights))
+}
+
+/// What film and picture of a frame hold, with their bindings.
+fn film_contents(frame: &Frame) -> [(u32, Content<'static>); 2] {
+    let pixels = u64::from(frame.width) * u64::from(frame.height);
+    [
+        (binding::FILM, zeros("the film", SMALLER_SIZE, pixels, size_of::<FilmPixel>())),
+        (binding::PICTURE, zeros("the picture", SMALLER_SIZE, pixels, size_of::<Vec4>())),
+    ]
+}
+
+fn zeros(name: &'static str, remedy: &'static str, count: u64, element: usize) -> Content<'static> {
+    // Saturates far above what any device allows.
+    Content { label: Label { name, remedy }, bytes: count.saturating_mul(element as u64), data: None }
 }
 
 fn uploaded<'a>(name: &'static str, remedy: &'static str, data: &'a [u8]) -> Content<'a> {
@@ -135,16 +265,20 @@ mod tests {
     fn contents_stand_at_their_bindings() {
         let scene = SceneBuffers {
             height_texels: vec![1; 3],
-            height_ranges: vec![3; 37],
+            displacements: vec![Displacement { map_width: 2, map_height: 1, ..Displacement::default() }],
             color_texels: vec![2; 5],
             ..Default::default()
         };
-        let frame = Frame { width: 7, height: 3, ..Frame::default() };
-        let contents = contents(&scene, &frame);
-        let bytes = |binding: u32| contents[binding as usize].bytes;
+        let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
+        let contents = contents(&scene, &frame, Features::default());
+        let bytes = |binding: u32| contents[place_of(binding)].bytes;
         assert_eq!(bytes(binding::FRAME), size_of::<Frame>() as u64);
         assert_eq!(bytes(binding::HEIGHT_TEXELS), 12);
-        assert_eq!(bytes(binding::HEIGHT_RANGES), 4 * 37);
+        // A header of 32 words, and one entry of two bytes.
+        assert_eq!(bytes(binding::HEIGHT_RANGES), 4 * 33);
+        assert_eq!(bytes(binding::NODES), 7 * 32);
+        assert_eq!(bytes(binding::PRIMITIVES), 4 * 4);
+        assert_eq!(bytes(binding::BOXES), 4 * 24);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
@@ -154,7 +288,8 @@ mod tests {
     #[test]
     fn sizes_beyond_any_memory_saturate() {
         let frame = Frame { width: u32::MAX, height: u32::MAX, ..Frame::default() };
-        let contents = contents(&SceneBuffers::default(), &frame).map(|content| content.bytes);
+        let contents =
+            contents(&SceneBuffers::default(), &frame, Features::default()).map(|content| content.bytes);
         assert_eq!(contents[binding::FILM as usize], u64::MAX);
     }
 }

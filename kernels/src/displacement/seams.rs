@@ -1,0 +1,72 @@
+//! What the triangles at a seam or at a decided corner share of heights: see [`Seams`].
+
+use crate::displacement::height_pyramid::uv_box_bounds;
+use crate::displacement::surface::{HeightField, component};
+use crate::interface::Seams;
+use crate::math::{Sum, UNIT_ROUNDOFF};
+use glam::Vec2;
+
+/// `seams` with its heights decided by the maps of `field`: at each decided corner the mean of its readings, along each
+/// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are.
+///
+/// Every entry at a corner reads the same sides in the same order, so that all have the same bits.
+pub fn decide_seams(field: &HeightField<'_>, seams: Seams) -> Seams {
+    let mut decided = seams;
+    let mut e = 0;
+    while e < 3 {
+        if seams.flags >> e & 1 != 0 {
+            let (first, count) = (component(seams.first_reading, e), component(seams.reading_count, e));
+            decided.heights = with_component(decided.heights, e, mean_height(field, first, count));
+        }
+        if seams.flags >> (3 + e) & 1 != 0 {
+            let (first, count) = (component(seams.first_side, e), component(seams.side_count, e));
+            let (low, high) = height_range(field, first, count);
+            decided.height_min = with_component(decided.height_min, e, low);
+            decided.height_max = with_component(decided.height_max, e, high);
+        }
+        e += 1;
+    }
+    decided
+}
+
+/// The mean of what `count` sides, at least one, read at their starts.
+fn mean_height(field: &HeightField<'_>, first: u32, count: u32) -> f32 {
+    let mut sum = Sum::ZERO;
+    let mut i = 0;
+    while i < count {
+        let side = field.seam_side(first + i);
+        sum = sum.plus(field.height(&field.displacement(side.displacement), Vec2::from_array(side.start)));
+        i += 1;
+    }
+    sum.mean(count)
+}
+
+/// Bounds on the mean of what `count` sides, at least one, read at the same share of their lengths.
+fn height_range(field: &HeightField<'_>, first: u32, count: u32) -> (f32, f32) {
+    let (mut low, mut high, mut magnitude) = (Sum::ZERO, Sum::ZERO, 0.0_f32);
+    let mut i = 0;
+    while i < count {
+        let side = field.seam_side(first + i);
+        let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
+        let range = uv_box_bounds(field, side.displacement, start.min(end), start.max(end));
+        (low, high) = (low.plus(range.0), high.plus(range.1));
+        magnitude = magnitude.max(range.0.abs()).max(range.1.abs());
+        i += 1;
+    }
+    // A micro-vertex's mean takes a rounding for each side and 2.5 ulp, 5 roundings, for the division; then the means here.
+    let roundings = 5 + count + Sum::mean_roundings(count);
+    let error = magnitude * UNIT_ROUNDOFF * roundings as f32;
+    (low.mean(count) - error, high.mean(count) + error)
+}
+
+/// `v` with another component 0, 1 or 2.
+#[inline]
+fn with_component(v: [f32; 3], i: u32, x: f32) -> [f32; 3] {
+    if i == 0 {
+        [x, v[1], v[2]]
+    } else if i == 1 {
+        [v[0], x, v[2]]
+    } else {
+        [v[0], v[1], x]
+    }
+}

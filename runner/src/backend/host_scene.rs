@@ -1,0 +1,173 @@
+//! A scene in the host's memory with all that follows from its buffers, by the functions that kernels run on a device.
+
+use super::{
+    BackendError, BuildReport, SceneBuffers, check_displacements, check_lights, reserved, with_displacements,
+    with_view,
+};
+use crate::bvh::{Bvh, Hlbvh};
+use crate::heights::build_pyramids;
+use emboss_kernels::aabb::Aabb;
+use emboss_kernels::displacement::height_pyramid::height_bounds;
+use emboss_kernels::displacement::seams::decide_seams;
+use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
+use emboss_kernels::interface::{Displacement, Frame, PointLight};
+use emboss_kernels::scene::{Features, SceneView};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// What the CPU backend traces, and what tests look at. The default is an empty scene.
+#[derive(Clone, Debug, Default)]
+pub struct HostScene {
+    /// With the heights of triangles and seams.
+    buffers: SceneBuffers,
+    frame: Frame,
+    features: Features,
+    height_ranges: Vec<u32>,
+    boxes: Vec<Aabb>,
+    bvh: Bvh,
+    report: BuildReport,
+}
+
+impl HostScene {
+    /// A copy of `scene`, checked, with its pyramids, heights, boxes and BVH.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsound`] where the buffers do not fit each other, [`BackendError::Allocation`] where memory ends.
+    pub fn new(scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<HostScene, BackendError> {
+        scene.check(frame, features)?;
+        let mut host =
+            HostScene { buffers: copied_scene(scene)?, frame: *frame, features, ..HostScene::default() };
+        if frame.triangle_count == 0 {
+            return Ok(host);
+        }
+        let start = Instant::now();
+        let words = usize::try_from(scene.pyramid_words(features)).unwrap_or(usize::MAX);
+        host.height_ranges = reserved("the height maps' pyramids", words)?;
+        host.height_ranges.resize(words, 0);
+        let SceneBuffers { displacements, height_texels, .. } = &host.buffers;
+        let (format, wrap) = (features.height_format, features.height_wrap);
+        build_pyramids(displacements, height_texels, &mut host.height_ranges, format, wrap);
+        host.prepare_prisms(start)?;
+        Ok(host)
+    }
+
+    /// The scene as kernels see it.
+    pub fn view(&self) -> SceneView<'_> {
+        SceneView {
+            frame: &self.frame,
+            vertices: &self.buffers.vertices,
+            triangles: &self.buffers.triangles,
+            nodes: &self.bvh.nodes,
+            primitives: &self.bvh.primitives,
+            displacements: &self.buffers.displacements,
+            height_texels: &self.buffers.height_texels,
+            height_ranges: &self.height_ranges,
+            seams: &self.buffers.seams,
+            seam_sides: &self.buffers.seam_sides,
+            color_texels: &self.buffers.color_texels,
+            lights: &self.buffers.lights,
+        }
+    }
+
+    /// Which code it needs.
+    pub fn features(&self) -> Features {
+        self.features
+    }
+
+    /// The box of each triangle's prism.
+    pub fn boxes(&self) -> &[Aabb] {
+        &self.boxes
+    }
+
+    /// The tree over the boxes.
+    pub fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    /// What building it took.
+    pub fn report(&self) -> BuildReport {
+        self.report
+    }
+
+    /// As [`Backend::set_view`](super::Backend::set_view), apart from the film.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsound`] where there are fewer lights than `frame` says.
+    pub fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
+        check_lights(frame, lights)?;
+        self.buffers.lights = copied("lights", lights)?;
+        self.frame = with_view(&self.frame, frame);
+        Ok(())
+    }
+
+    /// As [`Backend::set_displacements`](super::Backend::set_displacements), apart from the film.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsound`] where something else than heights would change.
+    pub fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
+        check_displacements(&self.buffers.displacements, displacements)?;
+        self.buffers.displacements.copy_from_slice(displacements);
+        self.frame = with_displacements(&self.frame, displacements);
+        if self.frame.triangle_count == 0 {
+            return Ok(());
+        }
+        self.prepare_prisms(Instant::now())
+    }
+
+    /// Everything behind the pyramids: the heights of triangles, those of seams, the boxes, and the BVH over them.
+    /// `start` is when the work began.
+    fn prepare_prisms(&mut self, start: Instant) -> Result<(), BackendError> {
+        let features = self.features;
+        // Taken out, since the view of the rest is read meanwhile, which has neither.
+        let mut triangles = std::mem::take(&mut self.buffers.triangles);
+        let mut seams = std::mem::take(&mut self.buffers.seams);
+        let view = self.view();
+        let field = HeightField::new(&view, features);
+        triangles.par_iter_mut().for_each(|triangle| {
+            (triangle.height_min, triangle.height_max) = height_bounds(&field, view.vertices, *triangle);
+        });
+        if features.seams != 0 {
+            seams.par_iter_mut().for_each(|seams| *seams = decide_seams(&field, *seams));
+        }
+        (self.buffers.triangles, self.buffers.seams) = (triangles, seams);
+        let mut boxes = reserved("the prisms' boxes", self.frame.triangle_count as usize)?;
+        let view = self.view();
+        (0..self.frame.triangle_count)
+            .into_par_iter()
+            .map(|primitive| prism_bounds(&view, features, primitive))
+            .collect_into_vec(&mut boxes);
+        self.boxes = boxes;
+        self.build_bvh(start);
+        Ok(())
+    }
+
+    /// Builds the tree over the boxes.
+    fn build_bvh(&mut self, start: Instant) {
+        let tree = Hlbvh::build(&self.boxes);
+        self.bvh = tree.tree();
+        debug_assert_eq!(self.bvh.validate(&self.boxes).err(), None);
+        let nodes = u32::try_from(self.bvh.nodes.len()).unwrap_or(u32::MAX);
+        let left_out = self.frame.triangle_count - tree.sound();
+        self.report = BuildReport { duration: start.elapsed(), nodes, left_out };
+    }
+}
+
+/// A copy of the scene, so that the caller's may go.
+fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
+    Ok(SceneBuffers {
+        vertices: copied("vertices", &scene.vertices)?,
+        triangles: copied("triangles", &scene.triangles)?,
+        displacements: copied("the height maps", &scene.displacements)?,
+        height_texels: copied("the height maps", &scene.height_texels)?,
+        seams: copied("the seams", &scene.seams)?,
+        seam_sides: copied("the seams", &scene.seam_sides)?,
+        color_texels: copied("the colour map", &scene.color_texels)?,
+        lights: copied("lights", &scene.lights)?,
+    })
+}
+
+fn copied<T: Copy>(name: &'static str, items: &[T]) -> Result<Vec<T>, BackendError> {
+    let mut copy = reserved(name, items.len())?;
+    copy.extend_from_slice(items);
+    Ok(copy)
+}

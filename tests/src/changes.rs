@@ -1,0 +1,138 @@
+//! What a backend makes of changes to a loaded scene: the same as of the changed scene, loaded. For each backend.
+
+use crate::compare::rendered;
+use crate::scenes::{builtin_scene, job};
+use emboss::backend::{Backend, BackendError};
+use emboss::framing::View;
+use emboss::picture::Picture;
+use emboss::render::{Job, render};
+use emboss::scene::Relief;
+use emboss::settings::{Light, Settings};
+use emboss_kernels::interface::counter;
+use glam::Vec3;
+use std::ops::ControlFlow;
+
+/// Samples of a pixel.
+const SAMPLES: u32 = 2;
+
+/// A built-in scene with seams.
+fn cube(change: impl FnOnce(&mut Relief, &mut Settings)) -> Job {
+    let (mut scene, mut settings) = builtin_scene("builtin:cube", 8, 48, 32);
+    settings.counting = true;
+    change(&mut scene.reliefs[0], &mut settings);
+    (*job(scene, &settings)).clone()
+}
+
+/// The picture of what is loaded, and the work it took.
+fn picture(backend: &mut dyn Backend, job: &Job) -> Picture {
+    let rendering =
+        render(backend, job, SAMPLES, &mut |_| ControlFlow::Continue(())).expect("no device fails");
+    let pixels = u64::from(job.frame.width) * u64::from(job.frame.height);
+    assert_eq!(rendering.totals[counter::PRIMARY_RAYS as usize], pixels * u64::from(SAMPLES));
+    rendering.picture
+}
+
+/// Other cameras, sizes of the film, seeds, backgrounds and numbers of lights.
+///
+/// # Panics
+/// Where pictures differ.
+pub fn assert_views_change(backend: &mut dyn Backend) {
+    let first = cube(|_, _| {});
+    backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
+    let before = picture(backend, &first);
+    let light = Light { position: Vec3::new(3.0, 4.0, 5.0), color: Vec3::X, intensity: None };
+    let bvh = backend.bvh().expect("no device fails");
+    for (width, height, lights) in [(48, 32, 1), (30, 50, 3), (7, 5, 0), (48, 32, 2)] {
+        let second = cube(|_, settings| {
+            (settings.width, settings.height, settings.seed) = (width, height, 9);
+            settings.view = View { from: Vec3::new(-1.0, 0.5, 0.3), ..settings.view };
+            settings.background = Some(Vec3::Y);
+            settings.lights = vec![light; lights];
+        });
+        backend.set_view(&second.frame, &second.buffers.lights).expect("the view is sound");
+        let seen = picture(backend, &second);
+        assert_eq!(backend.bvh().expect("no device fails"), bvh, "nothing is built");
+        backend.load(&second.buffers, &second.frame, second.features).expect("the cube fits");
+        assert!(seen == picture(backend, &second), "{width}x{height}, {lights} lights");
+        assert!(seen != before);
+    }
+    // Without a change the film is cleared all the same.
+    backend.set_view(&first.frame, &first.buffers.lights).expect("the view is sound");
+    assert!(picture(backend, &first) == before);
+
+    let mut frame = first.frame;
+    frame.light_count = 2;
+    let error = backend.set_view(&frame, &first.buffers.lights).expect_err("there is one light");
+    assert!(matches!(error, BackendError::Unsound { .. }), "{error}");
+    backend.set_view(&first.frame, &first.buffers.lights).expect("the view is sound");
+    assert!(picture(backend, &first) == before, "an unsound view changes nothing");
+}
+
+/// Other scales and zeros.
+///
+/// # Panics
+/// Where pictures or boxes differ.
+pub fn assert_heights_change(backend: &mut dyn Backend) {
+    let first = cube(|_, _| {});
+    backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
+    let before = picture(backend, &first);
+    for (scale, zero) in [(0.02, 0.5), (-0.3, 0.1), (0.0, 0.0), (0.4, 0.9)] {
+        let mut second = cube(|relief, _| (relief.scale, relief.zero) = (scale, zero));
+        (second.frame.camera, second.frame.light_count) = (first.frame.camera, first.frame.light_count);
+        second.buffers.lights.clone_from(&first.buffers.lights);
+        backend.set_displacements(&second.buffers.displacements).expect("the heights are sound");
+        let seen = picture(backend, &second);
+        let (boxes, bvh) = (backend.prism_boxes().expect("kept"), backend.bvh().expect("kept"));
+        assert_eq!(backend.build_report().nodes as usize, bvh.nodes.len());
+        bvh.validate(&boxes).expect("the tree holds the new boxes");
+        backend.load(&second.buffers, &second.frame, second.features).expect("the cube fits");
+        assert_eq!(boxes, backend.prism_boxes().expect("kept"));
+        assert!(seen == picture(backend, &second), "scale {scale}, zero {zero}");
+        assert!(seen != before);
+    }
+    let mut wider = first.buffers.displacements.clone();
+    wider[0].map_width += 1;
+    for unsound in [&wider[..], &[]] {
+        let error = backend.set_displacements(unsound).expect_err("the map is another");
+        assert!(matches!(error, BackendError::Unsound { .. }), "{error}");
+    }
+    backend.set_displacements(&first.buffers.displacements).expect("the heights are sound");
+    assert!(picture(backend, &first) == before);
+}
+
+/// A triangle with a corner that is no number is left out, and reported; the others are where they were.
+///
+/// # Panics
+/// Where it is not.
+pub fn assert_what_is_not_finite_is_left_out(backend: &mut dyn Backend) {
+    let mut job = cube(|_, _| {});
+    let before = rendered(backend, &job, SAMPLES);
+    assert_eq!(backend.build_report().left_out, 0);
+    // A triangle more, of three corners of its own.
+    for broken in [Vec3::NAN, Vec3::new(0.0, f32::INFINITY, 0.0)] {
+        let mut with_broken = job.clone();
+        let first = u32::try_from(job.buffers.vertices.len()).expect("few");
+        for i in 0..3 {
+            let mut vertex = job.buffers.vertices[i];
+            vertex.position = if i == 1 { broken } else { vertex.position };
+            with_broken.buffers.vertices.push(vertex);
+        }
+        let triangle = job.buffers.triangles[0];
+        with_broken.buffers.triangles.push(emboss_kernels::interface::Triangle {
+            vertices: [first, first + 1, first + 2],
+            seams: emboss_kernels::interface::NO_SEAMS,
+            ..triangle
+        });
+        with_broken.frame.triangle_count += 1;
+        assert!(rendered(backend, &with_broken, SAMPLES) == before, "{broken}");
+        assert_eq!(backend.build_report().left_out, 1, "{broken}");
+        let (boxes, bvh) = (backend.prism_boxes().expect("kept"), backend.bvh().expect("kept"));
+        assert!(!boxes[boxes.len() - 1].min.is_finite());
+        assert_eq!(bvh.primitives.len(), boxes.len() - 1);
+    }
+    // Nothing but such triangles: nothing is hit.
+    job.buffers.vertices.iter_mut().for_each(|vertex| vertex.position = Vec3::NAN);
+    let nothing = rendered(backend, &job, SAMPLES);
+    assert_eq!(backend.build_report().left_out, job.frame.triangle_count);
+    assert!(nothing.pixels.iter().all(|pixel| pixel.w == 0.0));
+}
