@@ -5,6 +5,8 @@
 )]
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
+pub mod bvh;
+
 use crate::bvh::radix_sort::{self, Pairs};
 use crate::bvh::scan;
 use crate::counters::Counts;

@@ -59,8 +59,30 @@ pub mod binding {
     pub const SCAN_VALUES: u32 = 22;
     /// `[Word]`: the sums of a scan's blocks, written by `sum_blocks`, read by `scan_blocks`.
     pub const SCAN_SUMS: u32 = 23;
+    /// `[f32]`: six for each primitive, its box's lower corner and its upper one; written by `prism_bounds`.
+    pub const BOXES: u32 = 24;
+    /// `[u32]`: the state of a build, see [`header`](crate::bvh::header).
+    pub const BUILD_STATE: u32 = 25;
+    /// `[u32]`, one for each primitive: where the sorted order splits.
+    pub const SPLIT_LEVELS: u32 = 26;
+    /// `[u32]`, one for each pair of siblings: what the first one left for the second, else all ones.
+    pub const ARRIVALS: u32 = 27;
+    /// `[u32]`, one for each pair of siblings: the node above them.
+    pub const PARENTS: u32 = 28;
+    /// `[u32]`: the treelets, see [`hlbvh`](crate::bvh::hlbvh).
+    pub const TREELETS: u32 = 29;
+    /// `[u32]`: the tasks of the tree's top, see [`top`](crate::bvh::top).
+    pub const TASKS: u32 = 30;
+    /// `[u32]`: their bins.
+    pub const BINS: u32 = 31;
+    /// `[u32]`: the task of each treelet.
+    pub const TREELET_TASKS: u32 = 32;
+    /// `[u32]`: the tasks of a level, those of the next.
+    pub const TASK_QUEUES: u32 = 33;
+    /// `[f32]`: partial sums of the SAH cost.
+    pub const COSTS: u32 = 34;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 24;
+    pub const COUNT: u32 = 35;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -187,11 +209,16 @@ pub mod counter {
 pub const TILE_GROUP_SIZE: u32 = 8;
 /// Threads of a workgroup of `trace_rays`, `height_pyramid` and `probe`.
 pub const BATCH_GROUP_SIZE: u32 = 64;
+/// Most workgroups of a row of a dispatch over many items; what is left goes to further rows. Every Vulkan device takes
+/// 65,535 along an axis.
+pub const MOST_ROW_GROUPS: u32 = 1 << 15;
 /// Largest number of subdivisions N of a triangle's side.
 pub const MAX_SUBDIVISIONS: u32 = 4096;
 /// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry
-/// for each. Median splits of 2^32 primitives need 32; the rest is room for uneven SAH splits.
-pub const MAX_BVH_DEPTH: u32 = 40;
+/// for each.
+pub const MAX_BVH_DEPTH: u32 = 64;
+/// Largest number of primitives of a BVH: a builder packs a position and a height into a word.
+pub const MAX_PRIMITIVES: u32 = (1 << 26) - 1;
 /// [`Hit::primitive`](crate::hit::Hit) and [`Intersection::primitive`] of a ray that hits nothing.
 pub const MISS: u32 = u32::MAX;
 /// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
@@ -428,6 +455,20 @@ pub struct PyramidPart {
     pub count: u32,
 }
 
+/// What one dispatch of the BVH's build does, as push constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BuildStep {
+    /// How many primitives there are, sound or not.
+    pub count: u32,
+    /// Words of a sort key: 1 or 2.
+    pub limbs: u32,
+    /// `bvh_choose`, `bvh_move`: the level of the tree's top, from 0. `bvh_emit`: 0, or 1 to do again what came out too deep.
+    pub level: u32,
+    /// How many levels the tree's top may have below its root.
+    pub level_limit: u32,
+}
+
 /// One pass of a [`radix_sort`](crate::bvh::radix_sort), as push constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -517,6 +558,7 @@ const _: () = {
     assert!(size_of::<Tile>() == 20);
     assert!(size_of::<Batch>() == 12);
     assert!(size_of::<PyramidPart>() == 16);
+    assert!(size_of::<BuildStep>() == 16);
     assert!(size_of::<SortPass>() == 16);
     assert!(size_of::<FilmPixel>() == 20);
     assert!(size_of::<Counter>() == 8);

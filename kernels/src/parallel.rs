@@ -269,3 +269,22 @@ pub fn shared_put<const N: usize>(shared: &mut [u32; N], i: u32, value: u32) {
         *spirv_std::arch::IndexUnchecked::index_unchecked_mut(shared, i as usize) = value;
     }
 }
+
+/// Adds to `shared[i]`, which other invocations of the workgroup add to in the same phase.
+#[inline]
+pub fn shared_add<const N: usize>(shared: &mut [u32; N], i: u32, value: u32) {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        shared[i as usize] += value;
+    }
+    #[cfg(target_arch = "spirv")]
+    #[expect(
+        unsafe_code,
+        reason = "atomics are unsafe in spirv-std; no index may fail in front of a barrier"
+    )]
+    // SAFETY: as in `math::at`, and in this phase every access to the word goes through here.
+    unsafe {
+        let word = spirv_std::arch::IndexUnchecked::index_unchecked_mut(shared, i as usize);
+        spirv_std::arch::atomic_i_add::<u32, { Scope::Workgroup as u32 }, RELAXED>(word, value);
+    }
+}

@@ -183,7 +183,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         .map(|primitive| prism_bounds(&buffers.view(&frame), features, primitive))
         .collect();
     check_extent(&boxes)?;
-    let bvh = Bvh::build(&boxes);
+    let bvh = Bvh::binned(&boxes);
     let bvh_build = start.elapsed();
     debug_assert_eq!(bvh.validate(&boxes).err(), None);
     (buffers.nodes, buffers.primitives) = (bvh.nodes, bvh.primitives);

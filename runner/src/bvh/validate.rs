@@ -2,6 +2,7 @@
 
 use super::{Bvh, HostAabb};
 use emboss_kernels::aabb::Aabb;
+use emboss_kernels::bvh::node::is_sound;
 use emboss_kernels::interface::{BvhNode, MAX_BVH_DEPTH};
 
 /// What a tree is like.
@@ -24,7 +25,7 @@ pub struct BvhStats {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BvhError {
-    /// A node points in front of itself, into nothing, or to primitives that do not exist.
+    /// A node points to the root, into nothing, or to primitives that do not exist.
     #[error("BVH node {node} points nowhere")]
     Dangling {
         /// The node.
@@ -42,13 +43,19 @@ pub enum BvhError {
         /// The node.
         node: u32,
     },
-    /// A primitive is in no leaf, or in more than one.
+    /// A primitive with a sound box is in no leaf or in more than one, or one without is in some.
     #[error("primitive {primitive} is in {count} leaves of the BVH")]
     NotOnce {
         /// The primitive.
         primitive: u32,
         /// How many leaves hold it.
         count: u32,
+    },
+    /// A node is a child of two nodes, or its own descendant.
+    #[error("BVH node {node} is reached twice")]
+    Shared {
+        /// The node.
+        node: u32,
     },
     /// A node is no one's child.
     #[error("{count} BVH nodes cannot be reached from the root")]
@@ -59,18 +66,21 @@ pub enum BvhError {
 }
 
 impl Bvh {
-    /// Checks that each of `boxes` is in one leaf, that nodes hold their children and primitives, and that the
+    /// Checks that each of `boxes` is in one leaf, those that are not [sound](is_sound) in none, that nodes hold their children and primitives, and that the
     /// depth keeps its limit.
     pub fn validate(&self, boxes: &[Aabb]) -> Result<BvhStats, BvhError> {
         let mut walk = Walk {
             bvh: self,
             boxes,
             uses: vec![0; boxes.len()],
-            visited: 0,
+            seen: vec![false; self.nodes.len()],
             stats: BvhStats { nodes: self.nodes.len(), ..BvhStats::default() },
         };
-        if !self.nodes.is_empty() {
-            walk.subtree(0, 0)?;
+        match &self.nodes[..] {
+            // Where nothing is sound, a root that no ray enters, or none.
+            [] => {}
+            [root] if self.primitives.is_empty() && root.min.cmpgt(root.max).all() => walk.seen[0] = true,
+            _ => walk.subtree(0, 0)?,
         }
         walk.finish()
     }
@@ -81,7 +91,8 @@ struct Walk<'a> {
     boxes: &'a [Aabb],
     /// In how many leaves each primitive is.
     uses: Vec<u32>,
-    visited: usize,
+    /// Which nodes were reached.
+    seen: Vec<bool>,
     stats: BvhStats,
 }
 
@@ -91,7 +102,9 @@ impl Walk<'_> {
         if depth > MAX_BVH_DEPTH {
             return Err(BvhError::TooDeep { node });
         }
-        self.visited += 1;
+        if std::mem::replace(&mut self.seen[node as usize], true) {
+            return Err(BvhError::Shared { node });
+        }
         self.stats.depth = self.stats.depth.max(depth);
         let this = self.bvh.nodes[node as usize];
         self.stats.sah_cost += bounds_of(this).half_area() * f64::from(this.count.max(1));
@@ -113,8 +126,7 @@ impl Walk<'_> {
     }
 
     fn inner(&mut self, node: u32, inner: BvhNode, depth: u32) -> Result<(), BvhError> {
-        // Children lie behind their parent, so that no chain of nodes closes to a circle.
-        if inner.first <= node || inner.first as usize + 1 >= self.bvh.nodes.len() {
+        if inner.first == 0 || inner.first as usize + 1 >= self.bvh.nodes.len() {
             return Err(BvhError::Dangling { node });
         }
         for child in [inner.first, inner.first + 1] {
@@ -127,13 +139,15 @@ impl Walk<'_> {
     }
 
     fn finish(mut self) -> Result<BvhStats, BvhError> {
-        if let Some((primitive, &count)) = (0..).zip(&self.uses).find(|&(_, &count)| count != 1) {
+        let expected = |primitive: u32| u32::from(is_sound(self.boxes[primitive as usize]));
+        if let Some((primitive, &count)) = (0..).zip(&self.uses).find(|&(p, &count)| count != expected(p)) {
             return Err(BvhError::NotOnce { primitive, count });
         }
-        if self.visited != self.bvh.nodes.len() {
-            return Err(BvhError::Unreachable { count: self.bvh.nodes.len().abs_diff(self.visited) });
+        let unreachable = self.seen.iter().filter(|&&seen| !seen).count();
+        if unreachable > 0 {
+            return Err(BvhError::Unreachable { count: unreachable });
         }
-        if self.visited > 0 {
+        if self.stats.leaves > 0 {
             self.stats.sah_cost /= self.bvh.bounds().half_area();
         }
         Ok(self.stats)
@@ -155,7 +169,7 @@ mod tests {
 
     fn three() -> (Vec<Aabb>, Bvh) {
         let boxes = vec![unit_box_at(0.0), unit_box_at(4.0), unit_box_at(9.0)];
-        let bvh = Bvh::build(&boxes);
+        let bvh = Bvh::binned(&boxes);
         (boxes, bvh)
     }
 
@@ -164,7 +178,7 @@ mod tests {
     #[test]
     fn the_cost_is_the_expected_number_of_tests() {
         let boxes = [unit_box_at(0.0), unit_box_at(2.0)];
-        let stats = Bvh::build(&boxes).validate(&boxes).expect("valid");
+        let stats = Bvh::binned(&boxes).validate(&boxes).expect("valid");
         assert!((stats.sah_cost - (1.0 + 2.0 * 3.0 / 7.0)).abs() < 1e-12, "{}", stats.sah_cost);
         assert_eq!((stats.nodes, stats.leaves, stats.largest_leaf, stats.depth), (3, 2, 1, 1));
     }

@@ -50,6 +50,7 @@ impl Buffer {
     /// A buffer that kernels read or write, in the device's memory; what it holds is undefined.
     pub(super) fn for_kernels(device: &Arc<Device>, label: Label, bytes: u64) -> Result<Self, BackendError> {
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
         Self::new(device, label, bytes, usage, MemoryLocation::GpuOnly)

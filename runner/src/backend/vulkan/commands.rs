@@ -5,6 +5,7 @@ use super::device::{Device, Owned};
 use super::pipeline::Pipeline;
 use crate::backend::BackendError;
 use ash::vk;
+use std::cell::Cell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -27,7 +28,7 @@ pub(super) struct Commands {
     device: Arc<Device>,
 }
 
-/// Two timestamps around a submission's work.
+/// Timestamps around a submission's work, and within.
 struct Stopwatch {
     queries: Owned<vk::QueryPool>,
     period_ns: f64,
@@ -40,7 +41,14 @@ struct Stopwatch {
 pub(super) struct Recorder<'a> {
     buffer: vk::CommandBuffer,
     device: &'a ash::Device,
+    /// `None` where the queue writes no timestamps.
+    queries: Option<vk::QueryPool>,
+    /// How many [marks](Self::mark) there are so far.
+    marks: Cell<u32>,
 }
+
+/// Most timestamps of a submission, with those of its beginning and its end.
+const MOST_STAMPS: u32 = 16;
 
 impl Commands {
     pub(super) fn new(device: &Arc<Device>) -> Result<Self, BackendError> {
@@ -70,12 +78,28 @@ impl Commands {
         what: &'static str,
         record: impl FnOnce(&Recorder<'_>),
     ) -> Result<f64, BackendError> {
+        Ok(self.run_marked(what, record)?.into_iter().sum())
+    }
+
+    /// As [`run`](Self::run), but returns the duration of each part between two [marks](Recorder::mark), of which there
+    /// is one more than marks. Where the device has no timestamps everything counts as the last part.
+    pub(super) fn run_marked(
+        &self,
+        what: &'static str,
+        record: impl FnOnce(&Recorder<'_>),
+    ) -> Result<Vec<f64>, BackendError> {
         self.begin(what)?;
-        let recorder = Recorder { buffer: self.buffer, device: self.device.raw() };
+        let recorder = Recorder {
+            buffer: self.buffer,
+            device: self.device.raw(),
+            queries: self.stopwatch.as_ref().map(|stopwatch| stopwatch.queries.raw()),
+            marks: Cell::new(0),
+        };
         recorder.barrier();
-        self.write_timestamp(0, vk::PipelineStageFlags::TOP_OF_PIPE);
+        recorder.write_timestamp(0, vk::PipelineStageFlags::TOP_OF_PIPE);
         record(&recorder);
-        self.write_timestamp(1, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
+        let last = recorder.marks.get() + 1;
+        recorder.write_timestamp(last, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
         recorder.barrier_to_host();
         // SAFETY: the buffer is being recorded.
         unsafe { self.device.raw().end_command_buffer(self.buffer) }
@@ -84,8 +108,12 @@ impl Commands {
         self.submit(what)?;
         self.wait(what)?;
         let host_ms = submitted.elapsed().as_secs_f64() * 1e3;
-        let device_ms = self.stopwatch.as_ref().map(|stopwatch| stopwatch.read_ms(what)).transpose()?;
-        Ok(device_ms.unwrap_or(host_ms))
+        if let Some(stopwatch) = &self.stopwatch {
+            return stopwatch.read_ms(what, last as usize + 1);
+        }
+        let mut parts = vec![0.0; last as usize];
+        parts[last as usize - 1] = host_ms;
+        Ok(parts)
     }
 
     fn begin(&self, what: &'static str) -> Result<(), BackendError> {
@@ -94,18 +122,11 @@ impl Commands {
         unsafe { self.device.raw().begin_command_buffer(self.buffer, &info) }
             .map_err(|e| self.device.error(what, e))?;
         if let Some(stopwatch) = &self.stopwatch {
-            // SAFETY: the buffer is being recorded, and the pool has two queries.
-            unsafe { self.device.raw().cmd_reset_query_pool(self.buffer, stopwatch.queries.raw(), 0, 2) };
+            let queries = stopwatch.queries.raw();
+            // SAFETY: the buffer is being recorded, and the pool has as many queries.
+            unsafe { self.device.raw().cmd_reset_query_pool(self.buffer, queries, 0, MOST_STAMPS) };
         }
         Ok(())
-    }
-
-    fn write_timestamp(&self, query: u32, stage: vk::PipelineStageFlags) {
-        if let Some(stopwatch) = &self.stopwatch {
-            let queries = stopwatch.queries.raw();
-            // SAFETY: the buffer is being recorded, and `begin` reset the query.
-            unsafe { self.device.raw().cmd_write_timestamp(self.buffer, stage, queries, query) };
-        }
     }
 
     fn submit(&self, what: &'static str) -> Result<(), BackendError> {
@@ -166,7 +187,8 @@ impl Stopwatch {
         if limits.timestamp_bits == 0 || limits.timestamp_period_ns <= 0.0 {
             return Ok(None);
         }
-        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
+        let info =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MOST_STAMPS);
         // SAFETY: the device lives.
         let made = unsafe { device.raw().create_query_pool(&info, None) };
         Ok(Some(Stopwatch {
@@ -176,15 +198,15 @@ impl Stopwatch {
         }))
     }
 
-    /// Milliseconds between the two timestamps of a submission that is done.
-    fn read_ms(&self, what: &'static str) -> Result<f64, BackendError> {
+    /// Milliseconds between each two of the first `count` timestamps of a submission that is done.
+    fn read_ms(&self, what: &'static str, count: usize) -> Result<Vec<f64>, BackendError> {
         let device = self.queries.device();
-        let mut stamps = [0_u64; 2];
+        let mut stamps = vec![0_u64; count];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        // SAFETY: both queries were written by the submission, which is done.
+        // SAFETY: these queries were written by the submission, which is done.
         unsafe { device.raw().get_query_pool_results(self.queries.raw(), 0, &mut stamps, flags) }
             .map_err(|source| device.error(what, source))?;
-        Ok(elapsed_ms(stamps, self.mask, self.period_ns))
+        Ok(stamps.windows(2).map(|two| elapsed_ms([two[0], two[1]], self.mask, self.period_ns)).collect())
     }
 }
 
@@ -198,6 +220,12 @@ fn elapsed_ms(stamps: [u64; 2], mask: u64, period_ns: f64) -> f64 {
 impl Recorder<'_> {
     /// Runs `groups` workgroups of a kernel, with the buffers that are bound to it.
     pub(super) fn dispatch(&self, pipeline: &Pipeline, push_constants: &[u8], groups: [u32; 2]) {
+        self.bind(pipeline, push_constants);
+        // SAFETY: everything that the pipeline needs is bound.
+        unsafe { self.device.cmd_dispatch(self.buffer, groups[0], groups[1], 1) };
+    }
+
+    fn bind(&self, pipeline: &Pipeline, push_constants: &[u8]) {
         let (bind_point, layout) = (vk::PipelineBindPoint::COMPUTE, pipeline.layout());
         // SAFETY: the buffer is being recorded, and the pipeline outlives the submission.
         unsafe { self.device.cmd_bind_pipeline(self.buffer, bind_point, pipeline.raw()) };
@@ -205,11 +233,11 @@ impl Recorder<'_> {
         unsafe {
             self.device.cmd_bind_descriptor_sets(self.buffer, bind_point, layout, 0, &[pipeline.set()], &[]);
         };
-        let stage = vk::ShaderStageFlags::COMPUTE;
-        // SAFETY: the layout has push constants of this size for this stage.
-        unsafe { self.device.cmd_push_constants(self.buffer, layout, stage, 0, push_constants) };
-        // SAFETY: everything that the pipeline needs is bound.
-        unsafe { self.device.cmd_dispatch(self.buffer, groups[0], groups[1], 1) };
+        if !push_constants.is_empty() {
+            let stage = vk::ShaderStageFlags::COMPUTE;
+            // SAFETY: the layout has push constants of this size for this stage.
+            unsafe { self.device.cmd_push_constants(self.buffer, layout, stage, 0, push_constants) };
+        }
     }
 
     /// Copies `region` from one buffer to another. It must lie within both.
@@ -220,10 +248,42 @@ impl Recorder<'_> {
         unsafe { self.device.cmd_copy_buffer(self.buffer, from.raw(), to.raw(), &[region]) };
     }
 
-    /// Fills a buffer with zeros.
-    pub(super) fn clear(&self, buffer: &Buffer) {
+    /// Runs a kernel with the buffers that are bound to it, on as many workgroups along x, y and z as three words of
+    /// `groups` say, the first of which is number `word`.
+    pub(super) fn dispatch_indirect(
+        &self,
+        pipeline: &Pipeline,
+        push_constants: &[u8],
+        groups: &Buffer,
+        word: u32,
+    ) {
+        let offset = u64::from(word) * size_of::<u32>() as u64;
+        assert!(offset + 12 <= groups.bytes(), "word {word} is not there");
+        self.bind(pipeline, push_constants);
+        // SAFETY: everything that the pipeline needs is bound, and the three words lie in the buffer, which outlives the
+        // submission and may be read as a command's arguments.
+        unsafe { self.device.cmd_dispatch_indirect(self.buffer, groups.raw(), offset) };
+    }
+
+    /// Fills a buffer with a word.
+    pub(super) fn fill(&self, buffer: &Buffer, word: u32) {
         // SAFETY: the buffer outlives the submission, and may be a destination.
-        unsafe { self.device.cmd_fill_buffer(self.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, 0) };
+        unsafe { self.device.cmd_fill_buffer(self.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, word) };
+    }
+
+    /// Notes the time at which everything recorded so far is done: [`Commands::run_marked`] tells it.
+    pub(super) fn mark(&self) {
+        let number = self.marks.get() + 1;
+        assert!(number < MOST_STAMPS, "a submission has at most {} marks", MOST_STAMPS - 2);
+        self.marks.set(number);
+        self.write_timestamp(number, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
+    }
+
+    fn write_timestamp(&self, number: u32, stage: vk::PipelineStageFlags) {
+        if let Some(queries) = self.queries {
+            // SAFETY: the buffer is being recorded, and `begin` reset the query.
+            unsafe { self.device.cmd_write_timestamp(self.buffer, stage, queries, number) };
+        }
     }
 
     /// What kernels and copies before it wrote is there for those after it.
@@ -231,7 +291,10 @@ impl Recorder<'_> {
         let work = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let written = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         let read = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ;
-        self.memory_barrier(work, written, work, written | read);
+        // How many workgroups an indirect dispatch has is read before its shader runs.
+        let arguments = vk::PipelineStageFlags::DRAW_INDIRECT;
+        let argument_read = vk::AccessFlags::INDIRECT_COMMAND_READ;
+        self.memory_barrier(work, written, work | arguments, written | read | argument_read);
     }
 
     /// What copies before it wrote can be read by the host once the submission is done.

@@ -15,6 +15,7 @@
 #![warn(clippy::multiple_unsafe_ops_per_block)]
 
 mod buffer;
+mod build;
 mod commands;
 mod device;
 mod instance;
@@ -32,10 +33,13 @@ mod validation;
 pub use validation::ValidationLog;
 
 use crate::backend::{Backend, BackendError, DeviceInfo, SceneBuffers, Totals};
+use crate::bvh::{BuildTimes, Bvh};
 use buffer::{Buffer, Label};
+use build::{Builder, Tree};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
 use emboss_kernels::interface::{Counter, FilmPixel, Frame, Intersection, Ray, binding, counter};
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
@@ -189,6 +193,18 @@ impl VulkanBackend {
         self.transfers.read(&self.commands, &scanned, values.len())
     }
 
+    /// Takes boxes to build a BVH over: by itself, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
+    pub fn bvh_over(&mut self, boxes: &[Aabb]) -> Result<DeviceBvh<'_>, BackendError> {
+        let builder = Builder::new(&self.device)?;
+        let tree = Tree::new(&self.device, length(boxes))?;
+        let mut bvh = DeviceBvh { backend: self, builder, tree };
+        bvh.put_boxes(boxes)?;
+        Ok(bvh)
+    }
+
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
     fn buffer(&mut self, name: &'static str, bytes: usize, data: &[u8]) -> Result<Buffer, BackendError> {
         let label = Label { name, remedy: "use fewer at a time" };
@@ -286,7 +302,7 @@ impl Backend for VulkanBackend {
         let words = count as usize * OUT_STRIDE as usize;
         let arguments = self.buffer("the probe's input", size_of_val(input), cast_slice(input))?;
         let results = self.buffer("the probe's output", words * size_of::<u32>(), &[])?;
-        self.commands.run("clearing", |recorder| recorder.clear(&results))?;
+        self.commands.run("clearing", |recorder| recorder.fill(&results, 0))?;
         let program = self.programs.get(&self.device, Kernel::Probe)?;
         program.pipeline().bind(|at| if at == binding::PROBE_IN { &arguments } else { &results });
         program.run_batches(&self.commands, count, kernel)?;
@@ -300,6 +316,58 @@ fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a 
         Some(sorter) => sorter,
         None => sorter.insert(Sorter::new(device)?),
     })
+}
+
+/// A BVH on the device, by itself: see [`VulkanBackend::bvh_over`].
+pub struct DeviceBvh<'a> {
+    backend: &'a mut VulkanBackend,
+    builder: Builder,
+    tree: Tree,
+}
+
+impl DeviceBvh<'_> {
+    /// Builds it over its boxes. Returns what the phases took on the device.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
+    pub fn build(&mut self) -> Result<BuildTimes, BackendError> {
+        self.builder.build(&self.backend.device, &self.backend.commands, &self.tree)
+    }
+
+    /// Gives the nodes the boxes that the primitives have now. Returns what it took on the device, in milliseconds.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    ///
+    /// # Panics
+    /// If there are not as many boxes as before.
+    pub fn refit(&mut self, boxes: &[Aabb]) -> Result<f64, BackendError> {
+        assert_eq!(boxes.len(), self.tree.count() as usize, "a refit keeps the primitives");
+        self.put_boxes(boxes)?;
+        self.builder.refit(&self.backend.commands, &self.tree)
+    }
+
+    /// Its SAH cost, as [`BvhStats::sah_cost`](crate::bvh::BvhStats::sah_cost) but in single precision.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn cost(&mut self) -> Result<f64, BackendError> {
+        self.builder.cost(&self.backend.commands, &self.backend.transfers, &self.tree)
+    }
+
+    /// The tree, copied to the host.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn read(&mut self) -> Result<Bvh, BackendError> {
+        self.tree.read(&self.backend.commands, &self.backend.transfers)
+    }
+
+    fn put_boxes(&mut self, boxes: &[Aabb]) -> Result<(), BackendError> {
+        let floats: Vec<_> = boxes.iter().flat_map(|bounds| [bounds.min, bounds.max]).collect();
+        let VulkanBackend { transfers, commands, .. } = &mut *self.backend;
+        transfers.write(commands, &self.tree.boxes, cast_slice(&floats))
+    }
 }
 
 /// An empty scene, and a film without pixels.

@@ -5,7 +5,7 @@ use super::device::{Device, Owned};
 use crate::backend::BackendError;
 use ash::vk;
 use bytemuck::bytes_of;
-use emboss_kernels::interface::{Batch, PyramidPart, SortPass, Tile, binding, spec};
+use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tile, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CStr;
 use std::io::Cursor;
@@ -30,11 +30,22 @@ pub(super) enum Kernel {
     ScanBlocks,
     CountDigits,
     ScatterPairs,
+    BvhCenters,
+    BvhCodes,
+    BvhLevels,
+    BvhThreshold,
+    BvhFlags,
+    BvhTreelets,
+    BvhStart,
+    BvhChoose,
+    BvhMove,
+    BvhRefit,
+    BvhCosts,
 }
 
 impl Kernel {
     #[cfg(test)]
-    const ALL: [Kernel; 10] = [
+    const ALL: [Kernel; 21] = [
         Kernel::Render,
         Kernel::Resolve,
         Kernel::TraceRays,
@@ -45,6 +56,17 @@ impl Kernel {
         Kernel::ScanBlocks,
         Kernel::CountDigits,
         Kernel::ScatterPairs,
+        Kernel::BvhCenters,
+        Kernel::BvhCodes,
+        Kernel::BvhLevels,
+        Kernel::BvhThreshold,
+        Kernel::BvhFlags,
+        Kernel::BvhTreelets,
+        Kernel::BvhStart,
+        Kernel::BvhChoose,
+        Kernel::BvhMove,
+        Kernel::BvhRefit,
+        Kernel::BvhCosts,
     ];
 
     fn entry_point(self) -> &'static CStr {
@@ -59,6 +81,17 @@ impl Kernel {
             Kernel::ScanBlocks => c"scan_blocks",
             Kernel::CountDigits => c"count_digits",
             Kernel::ScatterPairs => c"scatter_pairs",
+            Kernel::BvhCenters => c"bvh_centers",
+            Kernel::BvhCodes => c"bvh_codes",
+            Kernel::BvhLevels => c"bvh_levels",
+            Kernel::BvhThreshold => c"bvh_threshold",
+            Kernel::BvhFlags => c"bvh_flags",
+            Kernel::BvhTreelets => c"bvh_treelets",
+            Kernel::BvhStart => c"bvh_start",
+            Kernel::BvhChoose => c"bvh_choose",
+            Kernel::BvhMove => c"bvh_move",
+            Kernel::BvhRefit => c"bvh_refit",
+            Kernel::BvhCosts => c"bvh_costs",
         }
     }
 
@@ -72,6 +105,17 @@ impl Kernel {
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
+            Kernel::BvhCenters
+            | Kernel::BvhCodes
+            | Kernel::BvhLevels
+            | Kernel::BvhThreshold
+            | Kernel::BvhFlags
+            | Kernel::BvhTreelets
+            | Kernel::BvhStart
+            | Kernel::BvhChoose
+            | Kernel::BvhMove => "building the BVH",
+            Kernel::BvhRefit => "refitting the BVH",
+            Kernel::BvhCosts => "measuring the BVH",
         }
     }
 
@@ -120,6 +164,28 @@ impl Kernel {
             Kernel::SumBlocks | Kernel::ScanBlocks => &[SCAN_VALUES, SCAN_SUMS],
             Kernel::CountDigits => &[SORT_KEYS, SORT_COUNTS],
             Kernel::ScatterPairs => &[SORT_KEYS, SORT_VALUES, SORT_COUNTS],
+            Kernel::BvhCenters => &[BOXES, BUILD_STATE],
+            Kernel::BvhCodes => &[BOXES, BUILD_STATE, SORT_KEYS, SORT_VALUES],
+            Kernel::BvhLevels => &[BUILD_STATE, SORT_KEYS, SPLIT_LEVELS],
+            Kernel::BvhThreshold => &[BUILD_STATE, TASKS, TASK_QUEUES, NODES],
+            Kernel::BvhFlags => &[BUILD_STATE, SPLIT_LEVELS, SCAN_VALUES],
+            Kernel::BvhTreelets => &[
+                BOXES,
+                BUILD_STATE,
+                SORT_VALUES,
+                SPLIT_LEVELS,
+                SCAN_VALUES,
+                ARRIVALS,
+                PARENTS,
+                TREELETS,
+                NODES,
+                PRIMITIVES,
+            ],
+            Kernel::BvhStart => &[BUILD_STATE, TREELETS, TREELET_TASKS, TASKS, BINS, NODES, PARENTS],
+            Kernel::BvhChoose => &[BUILD_STATE, TREELETS, TASKS, TASK_QUEUES, BINS, NODES, PARENTS],
+            Kernel::BvhMove => &[BUILD_STATE, TREELETS, TREELET_TASKS, TASKS, BINS, NODES, PARENTS],
+            Kernel::BvhRefit => &[BOXES, BUILD_STATE, ARRIVALS, PARENTS, NODES, PRIMITIVES],
+            Kernel::BvhCosts => &[BUILD_STATE, NODES, COSTS],
         }
     }
 
@@ -130,6 +196,14 @@ impl Kernel {
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
             Kernel::CountDigits | Kernel::ScatterPairs => size_of::<SortPass>(),
+            Kernel::BvhCenters
+            | Kernel::BvhCodes
+            | Kernel::BvhLevels
+            | Kernel::BvhFlags
+            | Kernel::BvhTreelets
+            | Kernel::BvhChoose
+            | Kernel::BvhMove => size_of::<BuildStep>(),
+            Kernel::BvhThreshold | Kernel::BvhStart | Kernel::BvhRefit | Kernel::BvhCosts => 0,
         }
     }
 }
@@ -227,8 +301,9 @@ fn pipeline_layout(
     let push_constants = [vk::PushConstantRange::default()
         .stage_flags(vk::ShaderStageFlags::COMPUTE)
         .size(small(kernel.push_constant_bytes()))];
-    let info =
-        vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(&push_constants);
+    // An empty range is not allowed.
+    let ranges = if kernel.push_constant_bytes() > 0 { &push_constants[..] } else { &[] };
+    let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(ranges);
     // SAFETY: the set layout is of this device.
     let made = unsafe { device.raw().create_pipeline_layout(&info, None) };
     Owned::new(device, "creating a pipeline layout", made)

@@ -84,13 +84,7 @@ fn features_of(kernel: Kernel, features: Features) -> Features {
             height_wrap: features.height_wrap,
             ..Features::default()
         },
-        Kernel::Resolve
-        | Kernel::Probe
-        | Kernel::SumBlocks
-        | Kernel::ScanSerially
-        | Kernel::ScanBlocks
-        | Kernel::CountDigits
-        | Kernel::ScatterPairs => Features::default(),
+        _ => Features::default(),
     }
 }
 

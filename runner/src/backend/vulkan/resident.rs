@@ -55,7 +55,7 @@ impl Resident {
         for (buffer, content) in buffers.iter().zip(&contents) {
             match content.data {
                 Some(data) if !data.is_empty() => transfers.write(commands, buffer, data)?,
-                _ => commands.run("clearing", |recorder| recorder.clear(buffer)).map(drop)?,
+                _ => commands.run("clearing", |recorder| recorder.fill(buffer, 0)).map(drop)?,
             }
         }
         Ok(Resident { buffers, width: frame.width, height: frame.height })

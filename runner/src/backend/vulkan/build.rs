@@ -1,0 +1,307 @@
+//! The BVH's build on the device: [`emboss_kernels::bvh`], all of it in one submission.
+
+use super::buffer::{Buffer, Label};
+use super::commands::{Commands, Recorder};
+use super::device::Device;
+use super::pipeline::{Kernel, Pipeline};
+use super::scan::{self, Scanner};
+use super::sort::{self, SortBuffers, Sorter};
+use super::transfers::Transfers;
+use crate::backend::BackendError;
+use crate::bvh::{BuildTimes, Bvh, key_bits};
+use bytemuck::bytes_of;
+use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS};
+use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
+use emboss_kernels::bvh::radix_sort::{count_words, limbs};
+use emboss_kernels::bvh::{header, morton, refit, top};
+use emboss_kernels::interface::{BATCH_GROUP_SIZE, BuildStep, MAX_PRIMITIVES, MOST_ROW_GROUPS, binding};
+use emboss_kernels::scene::Features;
+use std::sync::Arc;
+
+const SMALLER_MODEL: &str = "use a model of fewer triangles, or --backend cpu";
+
+/// A tree on the device, with what a refit needs.
+pub(super) struct Tree {
+    count: u32,
+    /// [`BOX_FLOATS`] floats for each primitive.
+    pub(super) boxes: Buffer,
+    pub(super) nodes: Buffer,
+    pub(super) primitives: Buffer,
+    state: Buffer,
+    arrivals: Buffer,
+    parents: Buffer,
+    costs: Buffer,
+}
+
+/// What only a build needs.
+struct Scratch {
+    keys: Buffer,
+    values: Buffer,
+    counts: Buffer,
+    count_sums: Buffer,
+    levels: Buffer,
+    treelet_of: Buffer,
+    treelet_sums: Buffer,
+    treelets: Buffer,
+    tasks: Buffer,
+    bins: Buffer,
+    treelet_tasks: Buffer,
+    queues: Buffer,
+}
+
+/// The pipelines of a build and of a refit.
+pub(super) struct Builder {
+    sorter: Sorter,
+    scanner: Scanner,
+    centers: Pipeline,
+    codes: Pipeline,
+    levels: Pipeline,
+    threshold: Pipeline,
+    flags: Pipeline,
+    treelets: Pipeline,
+    start: Pipeline,
+    choose: Pipeline,
+    move_treelets: Pipeline,
+    refit: Pipeline,
+    costs: Pipeline,
+}
+
+/// Workgroups of a dispatch over many items, in rows.
+fn rows(groups: u32) -> [u32; 2] {
+    [groups.min(MOST_ROW_GROUPS), groups.div_ceil(MOST_ROW_GROUPS)]
+}
+
+/// A buffer of words for the builder.
+fn words(device: &Arc<Device>, name: &'static str, count: u32) -> Result<Buffer, BackendError> {
+    let bytes = u64::from(count) * size_of::<u32>() as u64;
+    Buffer::for_kernels(device, Label { name, remedy: SMALLER_MODEL }, bytes)
+}
+
+impl Tree {
+    /// Room for a tree over `count` primitives.
+    pub(super) fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
+        let pairs = count.max(1);
+        let nodes = 2 * pairs - 1;
+        Ok(Tree {
+            count,
+            boxes: words(device, "the boxes of prisms", pairs * BOX_FLOATS)?,
+            nodes: words(device, "the BVH", nodes * NODE_WORDS)?,
+            primitives: words(device, "the BVH's primitives", pairs)?,
+            state: words(device, "the state of the BVH's build", header::WORDS)?,
+            arrivals: words(device, "the BVH's arrivals", pairs)?,
+            parents: words(device, "the BVH's parents", pairs)?,
+            costs: words(device, "the BVH's costs", nodes.div_ceil(refit::BLOCK))?,
+        })
+    }
+
+    fn at(&self, binding: u32) -> Option<&Buffer> {
+        match binding {
+            binding::BOXES => Some(&self.boxes),
+            binding::NODES => Some(&self.nodes),
+            binding::PRIMITIVES => Some(&self.primitives),
+            binding::BUILD_STATE => Some(&self.state),
+            binding::ARRIVALS => Some(&self.arrivals),
+            binding::PARENTS => Some(&self.parents),
+            binding::COSTS => Some(&self.costs),
+            _ => None,
+        }
+    }
+
+    /// How many primitives there are.
+    pub(super) fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The tree, copied to the host.
+    pub(super) fn read(&self, commands: &Commands, transfers: &Transfers) -> Result<Bvh, BackendError> {
+        if self.count == 0 {
+            return Ok(Bvh::default());
+        }
+        let sound = self.sound(commands, transfers)?;
+        Ok(Bvh {
+            nodes: transfers.read(commands, &self.nodes, refit::node_count(sound) as usize)?,
+            primitives: transfers.read(commands, &self.primitives, sound as usize)?,
+        })
+    }
+
+    /// How many primitives are in the tree: the others have no sound box.
+    pub(super) fn sound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
+        let state: Vec<u32> = transfers.read(commands, &self.state, header::WORDS as usize)?;
+        Ok(state[header::SOUND as usize])
+    }
+}
+
+impl Scratch {
+    fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
+        let treelets = count.min(MAX_TREELETS);
+        let tasks = top::most_tasks(count);
+        let room = |name, count| words(device, name, count);
+        Ok(Scratch {
+            keys: room("the BVH's keys", 2 * limbs(key_bits(count)) * count)?,
+            values: room("the BVH's sorted primitives", 2 * count)?,
+            counts: room("the counts of a sort", count_words(count))?,
+            count_sums: room("the sums of a sort", sort::sum_words(count))?,
+            levels: room("the BVH's splits", count)?,
+            treelet_of: room("the treelets' numbers", count)?,
+            treelet_sums: room("the sums of a scan", scan::sum_words(count))?,
+            treelets: room("the treelets", treelets * TREELET_WORDS)?,
+            tasks: room("the tasks of a BVH's build", 2 * tasks * top::TASK_WORDS)?,
+            bins: room("the bins of a BVH's build", tasks * top::TASK_BIN_WORDS)?,
+            treelet_tasks: room("the treelets' tasks", treelets)?,
+            queues: room("the queues of a BVH's build", 2 * tasks)?,
+        })
+    }
+
+    fn at(&self, binding: u32) -> &Buffer {
+        match binding {
+            binding::SORT_KEYS => &self.keys,
+            binding::SORT_VALUES => &self.values,
+            binding::SPLIT_LEVELS => &self.levels,
+            binding::SCAN_VALUES => &self.treelet_of,
+            binding::TREELETS => &self.treelets,
+            binding::TASKS => &self.tasks,
+            binding::BINS => &self.bins,
+            binding::TREELET_TASKS => &self.treelet_tasks,
+            _ => &self.queues,
+        }
+    }
+}
+
+impl Builder {
+    pub(super) fn new(device: &Arc<Device>) -> Result<Self, BackendError> {
+        let pipeline = |kernel| Pipeline::new(device, kernel, Features::default());
+        Ok(Builder {
+            sorter: Sorter::new(device)?,
+            scanner: Scanner::new(device)?,
+            centers: pipeline(Kernel::BvhCenters)?,
+            codes: pipeline(Kernel::BvhCodes)?,
+            levels: pipeline(Kernel::BvhLevels)?,
+            threshold: pipeline(Kernel::BvhThreshold)?,
+            flags: pipeline(Kernel::BvhFlags)?,
+            treelets: pipeline(Kernel::BvhTreelets)?,
+            start: pipeline(Kernel::BvhStart)?,
+            choose: pipeline(Kernel::BvhChoose)?,
+            move_treelets: pipeline(Kernel::BvhMove)?,
+            refit: pipeline(Kernel::BvhRefit)?,
+            costs: pipeline(Kernel::BvhCosts)?,
+        })
+    }
+
+    /// Builds the tree over its boxes. Returns what each phase took.
+    ///
+    /// # Errors
+    /// [`BackendError::TooLarge`] where there are too many primitives, or no room.
+    pub(super) fn build(
+        &self,
+        device: &Arc<Device>,
+        commands: &Commands,
+        tree: &Tree,
+    ) -> Result<BuildTimes, BackendError> {
+        let count = tree.count;
+        if count > MAX_PRIMITIVES {
+            return Err(BackendError::TooLarge {
+                name: "the BVH",
+                bytes: u64::from(count) * 64,
+                limit: u64::from(MAX_PRIMITIVES) * 64,
+                device: device.info().name.clone(),
+                remedy: SMALLER_MODEL,
+            });
+        }
+        let scratch = Scratch::new(device, count)?;
+        self.bind(tree, &scratch);
+        let bits = key_bits(count);
+        let step = BuildStep { count, limbs: limbs(bits), level: 0, level_limit: top::level_limit(count) };
+        let marks = commands.run_marked("building the BVH", |recorder| {
+            self.record(recorder, tree, &scratch, &step, bits);
+        })?;
+        let &[codes, sort, treelets, top] = &marks[..] else {
+            unreachable!("a build has three marks");
+        };
+        Ok(BuildTimes { codes, sort, treelets, top })
+    }
+
+    fn bind(&self, tree: &Tree, scratch: &Scratch) {
+        self.sorter.bind(SortBuffers {
+            keys: &scratch.keys,
+            values: &scratch.values,
+            counts: &scratch.counts,
+            sums: &scratch.count_sums,
+        });
+        self.scanner.bind(&scratch.treelet_of, &scratch.treelet_sums);
+        for pipeline in [
+            &self.centers,
+            &self.codes,
+            &self.levels,
+            &self.threshold,
+            &self.flags,
+            &self.treelets,
+            &self.start,
+            &self.choose,
+            &self.move_treelets,
+        ] {
+            pipeline.bind(|at| tree.at(at).unwrap_or_else(|| scratch.at(at)));
+        }
+    }
+
+    fn record(&self, recorder: &Recorder<'_>, tree: &Tree, scratch: &Scratch, step: &BuildStep, bits: u32) {
+        let count = step.count;
+        let dispatch = |pipeline: &Pipeline, step: &BuildStep, groups: u32| {
+            recorder.dispatch(pipeline, bytes_of(step), rows(groups));
+            recorder.barrier();
+        };
+        let indirect = |pipeline: &Pipeline, step: &BuildStep, word: u32| {
+            recorder.dispatch_indirect(pipeline, bytes_of(step), &tree.state, word);
+            recorder.barrier();
+        };
+        recorder.fill(&tree.state, 0);
+        recorder.fill(&tree.arrivals, u32::MAX);
+        recorder.fill(&scratch.treelets, 0);
+        recorder.fill(&scratch.bins, 0);
+        recorder.barrier();
+        dispatch(&self.centers, step, count.div_ceil(morton::BLOCK));
+        dispatch(&self.codes, step, count.div_ceil(BATCH_GROUP_SIZE));
+        recorder.mark();
+        self.sorter.record(recorder, count, bits);
+        recorder.mark();
+        dispatch(&self.levels, step, count.div_ceil(morton::BLOCK));
+        recorder.dispatch(&self.threshold, &[], [1, 1]);
+        recorder.barrier();
+        dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
+        self.scanner.record(recorder, count);
+        dispatch(&self.treelets, step, count.div_ceil(BATCH_GROUP_SIZE));
+        indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
+        recorder.mark();
+        recorder.dispatch(&self.start, &[], [count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE), 1]);
+        recorder.barrier();
+        for level in 0..step.level_limit {
+            let step = BuildStep { level, ..*step };
+            indirect(&self.choose, &step, header::CHOOSE_GROUPS + 3 * level);
+            indirect(&self.move_treelets, &step, header::MOVE_GROUPS + 3 * level);
+        }
+    }
+
+    /// Gives the tree the boxes that its primitives have now. Returns the device's time in milliseconds.
+    pub(super) fn refit(&self, commands: &Commands, tree: &Tree) -> Result<f64, BackendError> {
+        self.refit.bind(|at| tree.at(at).unwrap_or(&tree.state));
+        let nodes = 2 * tree.count.max(1) - 1;
+        commands.run("refitting the BVH", |recorder| {
+            recorder.dispatch(&self.refit, &[], rows(nodes.div_ceil(BATCH_GROUP_SIZE)));
+        })
+    }
+
+    /// The tree's SAH cost, as [`BvhStats::sah_cost`](crate::bvh::BvhStats) but in single precision.
+    pub(super) fn cost(
+        &self,
+        commands: &Commands,
+        transfers: &Transfers,
+        tree: &Tree,
+    ) -> Result<f64, BackendError> {
+        self.costs.bind(|at| tree.at(at).unwrap_or(&tree.state));
+        let groups = (2 * tree.count.max(1) - 1).div_ceil(refit::BLOCK);
+        commands.run("measuring the BVH", |recorder| {
+            recorder.dispatch(&self.costs, &[], [groups, 1]);
+        })?;
+        let costs: Vec<f32> = transfers.read(commands, &tree.costs, groups as usize)?;
+        Ok(costs.into_iter().map(f64::from).sum())
+    }
+}
