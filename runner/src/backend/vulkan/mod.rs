@@ -51,6 +51,7 @@ use programs::Programs;
 use resident::Resident;
 use sort::{SortBuffers, Sorter};
 use std::ops::ControlFlow;
+use std::rc::Rc;
 use std::sync::Arc;
 use transfers::Transfers;
 
@@ -86,6 +87,7 @@ pub struct VulkanBackend {
     programs: Programs,
     /// Made when it is first needed.
     sorter: Option<Sorter>,
+    builder: Option<Rc<Builder>>,
     transfers: Transfers,
     commands: Commands,
     device: Arc<Device>,
@@ -109,7 +111,16 @@ impl VulkanBackend {
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
         let programs = Programs::default();
-        Ok(VulkanBackend { resident, programs, sorter: None, transfers, commands, device, samples_ms: 0.0 })
+        Ok(VulkanBackend {
+            resident,
+            programs,
+            sorter: None,
+            builder: None,
+            transfers,
+            commands,
+            device,
+            samples_ms: 0.0,
+        })
     }
 
     /// What the validation layers have said so far; empty where validation is off.
@@ -198,11 +209,21 @@ impl VulkanBackend {
     /// # Errors
     /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
     pub fn bvh_over(&mut self, boxes: &[Aabb]) -> Result<DeviceBvh<'_>, BackendError> {
-        let builder = Builder::new(&self.device)?;
+        let builder = self.builder()?;
         let tree = Tree::new(&self.device, length(boxes))?;
         let mut bvh = DeviceBvh { backend: self, builder, tree };
         bvh.put_boxes(boxes)?;
         Ok(bvh)
+    }
+
+    /// What builds BVHs, compiled now if this is the first time that it is needed.
+    fn builder(&mut self) -> Result<Rc<Builder>, BackendError> {
+        if let Some(builder) = &self.builder {
+            return Ok(Rc::clone(builder));
+        }
+        let builder = Rc::new(Builder::new(&self.device)?);
+        self.builder = Some(Rc::clone(&builder));
+        Ok(builder)
     }
 
     /// A buffer for the kernels that holds `data` at first, and is `bytes` long.
@@ -321,7 +342,7 @@ fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a 
 /// A BVH on the device, by itself: see [`VulkanBackend::bvh_over`].
 pub struct DeviceBvh<'a> {
     backend: &'a mut VulkanBackend,
-    builder: Builder,
+    builder: Rc<Builder>,
     tree: Tree,
 }
 
