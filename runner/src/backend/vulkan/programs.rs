@@ -44,7 +44,7 @@ impl Programs {
     /// what they measured, since the scene changes.
     pub(super) fn set_features(&mut self, features: Features) {
         self.features = features;
-        self.made.retain(|program| program.features == features_of(program.kernel, features));
+        self.made.retain(|program| program.kernel.is_alike(program.features, features));
         for program in &mut self.made {
             program.pacer = Pacer::new();
         }
@@ -55,36 +55,13 @@ impl Programs {
         let index = match self.made.iter().position(|program| program.kernel == kernel) {
             Some(index) => index,
             None => {
-                let features = features_of(kernel, self.features);
+                let features = self.features;
                 let pipeline = Pipeline::new(device, kernel, features)?;
                 self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
                 self.made.len() - 1
             }
         };
         Ok(&mut self.made[index])
-    }
-}
-
-/// The part of `features` that a kernel's code depends on, the rest at its default: the specialisation constants
-/// that its entry point has.
-fn features_of(kernel: Kernel, features: Features) -> Features {
-    match kernel {
-        Kernel::Render => features,
-        Kernel::TraceRays => Features {
-            method: features.method,
-            height_format: features.height_format,
-            height_wrap: features.height_wrap,
-            counters: features.counters,
-            normals: features.normals,
-            seams: features.seams,
-            ..Features::default()
-        },
-        Kernel::HeightPyramid => Features {
-            height_format: features.height_format,
-            height_wrap: features.height_wrap,
-            ..Features::default()
-        },
-        _ => Features::default(),
     }
 }
 
