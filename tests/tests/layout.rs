@@ -1,21 +1,23 @@
-//! Every struct that host and kernels share has one layout: sizes, offsets and strides that the compiled module
-//! states are those of the host's structs, and the numbers in attributes of `entry.rs` are the interface's constants.
+//! Every struct that host and kernels share has one layout: sizes, offsets and strides that the compiled modules
+//! state are those of the host's structs, and the numbers in attributes of `entry.rs` are the interface's constants.
 //!
-//! The module carries no names, so a struct is found by the binding or the entry point that uses it, and compared
+//! The modules carry no names, so a struct is found by the binding or the entry point that uses it, and compared
 //! number by number: what lies at which offset, a float or an integer.
 
 use emboss_kernels::bvh::scan::GROUP_SIZE;
+use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
-    BATCH_GROUP_SIZE, Batch, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Intersection,
-    PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile, Triangle, Vertex,
-    binding, spec,
+    BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame,
+    Intersection, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile, Triangle,
+    Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, Op, StorageClass, Word};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
-use xtask::{MODULE_PATH, REMEDY, module, workspace};
+use xtask::module::Contents;
+use xtask::{MODULES_PATH, REMEDY, module, workspace};
 
 /// Push constants that every Vulkan device has room for, in bytes.
 const PUSH_CONSTANTS_GUARANTEED: usize = 128;
@@ -120,6 +122,7 @@ shared! {
     Tile { x, y, width, height, sample }
     Batch { first, count, kernel }
     PyramidPart { displacement, level, first, count }
+    BuildStep { count, limbs, level, level_limit }
     SortPass { count, limbs, shift, from }
     FilmPixel { radiance, alpha, samples }
     Counter { low, high }
@@ -168,16 +171,47 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::SCAN_VALUES, u32::many()),
         (binding::SCAN_SUMS, u32::many()),
         (binding::BOXES, f32::many()),
+        (binding::BUILD_STATE, u32::many()),
+        (binding::SPLIT_LEVELS, u32::many()),
+        (binding::ARRIVALS, u32::many()),
+        (binding::PARENTS, u32::many()),
+        (binding::TREELETS, u32::many()),
+        (binding::TASKS, u32::many()),
+        (binding::BINS, u32::many()),
+        (binding::TREELET_TASKS, u32::many()),
+        (binding::TASK_QUEUES, u32::many()),
+        (binding::SMALL_TASKS, u32::many()),
+        (binding::TREELET_LISTS, u32::many()),
+        // Floats, which the kernel writes as words.
+        (binding::COSTS, u32::many()),
     ]
 }
 
-// --- The module's side -----------------------------------------------------------------------------------------
+/// The layout that a kernel gives what the host binds. Those of the BVH's build write nodes word by word.
+fn expected_layout(entry_point: &str, (number, host): (u32, Layout)) -> Layout {
+    if number == binding::NODES && entry_point.starts_with("bvh_") { u32::many() } else { host }
+}
 
-/// The module in `assets`.
-fn compiled() -> Module {
-    let path = workspace().join(MODULE_PATH);
-    let bytes = std::fs::read(path).unwrap_or_else(|error| panic!("{MODULE_PATH}: {error}; {REMEDY}"));
-    module::parse(&bytes).unwrap_or_else(|error| panic!("{MODULE_PATH}: {error}; {REMEDY}"))
+// --- The modules' side -----------------------------------------------------------------------------------------
+
+/// The modules in `assets` by their entry points.
+fn compiled() -> BTreeMap<String, Module> {
+    let files = module::read_all(&workspace().join(MODULES_PATH));
+    let files = files.unwrap_or_else(|error| panic!("{error}; {REMEDY}"));
+    let parse = |(entry_point, bytes): (String, Vec<u8>)| match module::parse(&bytes) {
+        Ok(module) => (entry_point, module),
+        Err(error) => panic!("{entry_point}: {error}; {REMEDY}"),
+    };
+    files.into_iter().map(parse).collect()
+}
+
+/// What each module says of itself.
+fn contents() -> BTreeMap<String, Contents> {
+    let of = |(entry_point, module): (String, Module)| match module::contents(&module, &entry_point) {
+        Ok(contents) => (entry_point, contents),
+        Err(error) => panic!("{error}; {REMEDY}"),
+    };
+    compiled().into_iter().map(of).collect()
 }
 
 /// The type, constant or variable with an id.
@@ -255,15 +289,15 @@ fn member_offset(module: &Module, structure: Word, member: usize) -> usize {
     offset.expect("members of blocks have an offset") as usize
 }
 
-/// The variables that are bound to a binding; an entry point that only reads has one of its own.
+/// The variables that are bound to a binding.
 fn bound(module: &Module, binding: u32) -> impl Iterator<Item = &Instruction> {
     let bound = module::decorated(module, Decoration::Binding).filter(move |(_, number)| *number == binding);
     bound.map(|(variable, _)| global(module, variable))
 }
 
-/// The push constants that an entry point reads, if it does.
-fn push_constants(module: &Module, entry_point: &str) -> Option<Layout> {
-    let entry = module.entry_points.iter().find(|entry| entry.operands[2] == Operand::from(entry_point))?;
+/// The push constants that the entry point reads, if it does.
+fn push_constants(module: &Module) -> Option<Layout> {
+    let entry = &module.entry_points[0];
     let mut interface = (3..entry.operands.len()).map(|i| global(module, id(entry, i)));
     let block = interface.find(|variable| {
         variable.operands.first() == Some(&Operand::StorageClass(StorageClass::PushConstant))
@@ -271,73 +305,120 @@ fn push_constants(module: &Module, entry_point: &str) -> Option<Layout> {
     Some(layout_of_variable(module, block))
 }
 
-/// Bindings whose layout is not the host's.
-fn differing_bindings(module: &Module) -> Vec<u32> {
-    let differs = |(number, host): &(u32, Layout)| {
-        bound(module, *number).any(|variable| layout_of_variable(module, variable) != *host)
-    };
-    host_buffers().iter().filter(|buffer| differs(buffer)).map(|(number, _)| *number).collect()
+/// Bindings of entry points whose layout is not the host's, with what it is and what it should be.
+fn differing_bindings(modules: &BTreeMap<String, Module>) -> Vec<(&str, u32, Layout, Layout)> {
+    let mut differing = Vec::new();
+    for (entry_point, module) in modules {
+        for buffer in host_buffers() {
+            let number = buffer.0;
+            let expected = expected_layout(entry_point, buffer);
+            for variable in bound(module, number) {
+                let layout = layout_of_variable(module, variable);
+                if layout != expected {
+                    differing.push((entry_point.as_str(), number, layout, expected.clone()));
+                }
+            }
+        }
+    }
+    differing
 }
 
 // --- The tests -------------------------------------------------------------------------------------------------
 
 #[test]
 fn buffers_have_the_layout_of_the_hosts_structs() {
-    let module = compiled();
-    for (number, host) in host_buffers() {
-        for variable in bound(&module, number) {
-            assert_eq!(layout_of_variable(&module, variable), host, "binding {number}");
-        }
-    }
+    assert_eq!(differing_bindings(&compiled()), []);
 }
 
 #[test]
 fn every_binding_of_the_interface_is_used_and_no_other() {
-    let module = compiled();
-    let expected: BTreeSet<u32> = host_buffers().map(|(number, _)| number).into();
-    assert_eq!(expected.len(), binding::COUNT as usize, "no number twice");
-    assert_eq!(module::contents(&module).bindings, expected);
-    assert!(module::decorated(&module, Decoration::DescriptorSet).all(|(_, set)| set == 0));
+    let expected: BTreeSet<u32> = (0..binding::COUNT).collect();
+    let used: BTreeSet<u32> = contents().into_values().flat_map(|contents| contents.bindings).collect();
+    assert_eq!(used, expected);
+    for module in compiled().values() {
+        assert!(module::decorated(module, Decoration::DescriptorSet).all(|(_, set)| set == 0));
+    }
+    assert_eq!(host_buffers().map(|(number, _)| number).into_iter().collect::<BTreeSet<_>>(), expected);
 }
 
 #[test]
 fn every_specialisation_constant_of_the_interface_is_used_and_no_other() {
-    let constants = module::contents(&compiled()).spec_constants;
-    assert_eq!(constants.into_keys().collect::<Vec<_>>(), (0..spec::COUNT).collect::<Vec<_>>());
+    let used = contents().into_values().flat_map(|contents| contents.spec_constants.into_keys());
+    assert_eq!(used.collect::<BTreeSet<_>>(), (0..spec::COUNT).collect());
 }
 
 #[test]
 fn push_constants_have_the_layout_of_the_hosts_structs() {
-    let module = compiled();
-    for entry_point in ["render", "resolve"] {
-        assert_eq!(push_constants(&module, entry_point), Some(Tile::one()), "{entry_point}");
-    }
-    for entry_point in ["trace_rays", "bound_heights", "decide_seams", "prism_bounds", "probe"] {
-        assert_eq!(push_constants(&module, entry_point), Some(Batch::one()), "{entry_point}");
-    }
-    assert_eq!(push_constants(&module, "height_pyramid"), Some(PyramidPart::one()));
-    for entry_point in ["sum_blocks", "scan_serially", "scan_blocks"] {
-        assert_eq!(push_constants(&module, entry_point), Some(u32::one()), "{entry_point}");
-    }
-    for entry_point in ["count_digits", "scatter_pairs"] {
-        assert_eq!(push_constants(&module, entry_point), Some(SortPass::one()), "{entry_point}");
-    }
-    let sizes = [size_of::<Tile>(), size_of::<Batch>(), size_of::<PyramidPart>(), size_of::<SortPass>()];
+    let expected = [
+        ("bound_heights", Some(Batch::one())),
+        ("bvh_centers", Some(BuildStep::one())),
+        ("bvh_choose", Some(BuildStep::one())),
+        ("bvh_codes", Some(BuildStep::one())),
+        ("bvh_costs", None),
+        ("bvh_flags", Some(BuildStep::one())),
+        ("bvh_levels", Some(BuildStep::one())),
+        ("bvh_move", Some(BuildStep::one())),
+        ("bvh_refit", None),
+        ("bvh_singles", Some(BuildStep::one())),
+        ("bvh_small", Some(BuildStep::one())),
+        ("bvh_start", None),
+        ("bvh_threshold", Some(BuildStep::one())),
+        ("bvh_treelets", Some(BuildStep::one())),
+        ("count_digits", Some(SortPass::one())),
+        ("decide_seams", Some(Batch::one())),
+        ("height_pyramid", Some(PyramidPart::one())),
+        ("prism_bounds", Some(Batch::one())),
+        ("probe", Some(Batch::one())),
+        ("render", Some(Tile::one())),
+        ("resolve", Some(Tile::one())),
+        ("scan_blocks", Some(u32::one())),
+        ("scan_serially", Some(u32::one())),
+        ("scatter_pairs", Some(SortPass::one())),
+        ("sum_blocks", Some(u32::one())),
+        ("trace_rays", Some(Batch::one())),
+    ];
+    let modules = compiled();
+    let found: Vec<_> =
+        modules.iter().map(|(name, module)| (name.as_str(), push_constants(module))).collect();
+    assert_eq!(found, expected);
+    let sizes = [
+        size_of::<Tile>(),
+        size_of::<Batch>(),
+        size_of::<PyramidPart>(),
+        size_of::<SortPass>(),
+        size_of::<BuildStep>(),
+    ];
     assert!(sizes.into_iter().all(|bytes| bytes <= PUSH_CONSTANTS_GUARANTEED));
 }
 
 #[test]
 fn entry_points_have_the_workgroups_of_the_interface() {
-    let entry_points = module::contents(&compiled()).entry_points;
+    let contents = contents();
     let workgroups: Vec<_> =
-        entry_points.iter().map(|(name, entry)| (name.as_str(), entry.workgroup)).collect();
+        contents.iter().map(|(name, contents)| (name.as_str(), contents.workgroup)).collect();
     let tile = [TILE_GROUP_SIZE, TILE_GROUP_SIZE, 1];
     let batch = [BATCH_GROUP_SIZE, 1, 1];
     let block = [GROUP_SIZE, 1, 1];
+    let morton = [morton::GROUP_SIZE, 1, 1];
+    let top = [top::GROUP_SIZE, 1, 1];
+    let refit = [refit::GROUP_SIZE, 1, 1];
     let expected = [
         ("bound_heights", batch),
-        ("decide_seams", batch),
+        ("bvh_centers", morton),
+        ("bvh_choose", top),
+        ("bvh_codes", batch),
+        ("bvh_costs", refit),
+        ("bvh_flags", batch),
+        ("bvh_levels", morton),
+        ("bvh_move", top),
+        ("bvh_refit", batch),
+        ("bvh_singles", batch),
+        ("bvh_small", [small::GROUP_SIZE, 1, 1]),
+        ("bvh_start", top),
+        ("bvh_threshold", [1, 1, 1]),
+        ("bvh_treelets", batch),
         ("count_digits", block),
+        ("decide_seams", batch),
         ("height_pyramid", batch),
         ("prism_bounds", batch),
         ("probe", batch),
@@ -352,31 +433,38 @@ fn entry_points_have_the_workgroups_of_the_interface() {
     assert_eq!(workgroups, expected);
 }
 
-/// Changes every decoration for which `change` returns another value.
-fn changed(mut module: Module, change: impl Fn(&[Operand]) -> Option<u32>) -> Module {
-    for annotation in &mut module.annotations {
+/// The compiled modules with another value for every decoration for which `change` returns one.
+fn changed(change: impl Fn(&[Operand]) -> Option<u32>) -> BTreeMap<String, Module> {
+    let mut modules = compiled();
+    for annotation in modules.values_mut().flat_map(|module| &mut module.annotations) {
         if let Some(value) = change(&annotation.operands) {
             annotation.operands.pop();
             annotation.operands.push(Operand::LiteralBit32(value));
         }
     }
-    module
+    modules
+}
+
+/// Whether `trace_rays` is among the entry points whose rays lie differently than the host's.
+fn rays_differ(modules: &BTreeMap<String, Module>) -> bool {
+    let differing = differing_bindings(modules);
+    differing.iter().any(|&(entry_point, number, ..)| (entry_point, number) == ("trace_rays", binding::RAYS))
 }
 
 /// The comparison above can fail: a member that moves, and a stride that grows, are noticed.
 #[test]
 fn a_moved_member_and_a_changed_stride_are_noticed() {
-    assert_eq!(differing_bindings(&compiled()), Vec::<u32>::new());
-    let moved = changed(compiled(), |operands| match operands {
+    assert!(!rays_differ(&compiled()));
+    let moved = changed(|operands| match operands {
         [_, Operand::LiteralBit32(1), Operand::Decoration(Decoration::Offset), Operand::LiteralBit32(12)] => {
             Some(16)
         }
         _ => None,
     });
-    assert!(differing_bindings(&moved).contains(&binding::RAYS));
-    let stretched = changed(compiled(), |operands| match operands {
+    assert!(rays_differ(&moved));
+    let stretched = changed(|operands| match operands {
         [_, Operand::Decoration(Decoration::ArrayStride), Operand::LiteralBit32(32)] => Some(48),
         _ => None,
     });
-    assert!(differing_bindings(&stretched).contains(&binding::RAYS));
+    assert!(rays_differ(&stretched));
 }

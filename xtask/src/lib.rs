@@ -1,5 +1,5 @@
-//! What the build steps and the tests both know: what decides the bytes of `assets/kernels.spv`, and what the
-//! module beside it says of itself.
+//! What the build steps and the tests both know: what decides the bytes of the SPIR-V modules in `assets/kernels`,
+//! and what the modules say of themselves.
 #![forbid(unsafe_code)]
 
 pub mod manifest;
@@ -9,12 +9,17 @@ pub mod sources;
 
 use std::path::PathBuf;
 
-/// The SPIR-V module of all kernels, relative to the workspace.
-pub const MODULE_PATH: &str = "assets/kernels.spv";
-/// Its manifest.
+/// The folder of the kernels' SPIR-V modules, one for each entry point, relative to the workspace.
+pub const MODULES_PATH: &str = "assets/kernels";
+/// Their manifest.
 pub const MANIFEST_PATH: &str = "assets/kernels.json";
-/// What to run where the module is not what the sources give.
-pub const REMEDY: &str = "run `cargo xtask spirv` and commit both files";
+/// What to run where the modules are not what the sources give.
+pub const REMEDY: &str = "run `cargo xtask spirv` and commit assets/kernels and its manifest";
+
+/// Where the module of an entry point lies, relative to the workspace.
+pub fn module_path(entry_point: &str) -> String {
+    format!("{MODULES_PATH}/{entry_point}.spv")
+}
 
 /// The workspace's folder, as it was when this crate was compiled.
 pub fn workspace() -> PathBuf {

@@ -22,12 +22,12 @@ struct Arguments {
 /// What to do.
 #[derive(Subcommand)]
 enum Command {
-    /// Compile the kernels to assets/kernels.spv and write its manifest
+    /// Compile the kernels to assets/kernels, a module for each entry point, and write their manifest
     Spirv {
         /// Write nothing; fail where the committed files are not what the sources give
         #[arg(long, conflicts_with = "debug")]
         check: bool,
-        /// Write target/kernels-debug.spv with names and source lines instead
+        /// Write target/kernels-debug with names and source lines instead
         #[arg(long)]
         debug: bool,
     },

@@ -1,19 +1,31 @@
-//! `assets/kernels.json`: where the committed SPIR-V module comes from and what it holds.
+//! `assets/kernels.json`: where the committed SPIR-V modules come from and what they hold.
 
-use crate::module::Contents;
+use crate::module::{self, Contents, ModuleError};
+use crate::sources;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The manifest of a SPIR-V module.
+/// The manifest of the SPIR-V modules.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Manifest {
-    /// [`source_hash`](crate::sources::source_hash) of the sources it was made from.
+    /// [`source_hash`](sources::source_hash) of the sources they were made from.
     pub source_hash: String,
-    /// Version of rust-gpu that compiled it.
+    /// Version of rust-gpu that compiled them.
     pub rust_gpu: String,
-    /// The target it was compiled for.
+    /// The target they were compiled for.
     pub target: String,
-    /// Size of the module in bytes.
+    /// What lies at the [`module_path`](crate::module_path) of each entry point.
+    pub modules: BTreeMap<String, ModuleFile>,
+}
+
+/// What the manifest says of a module.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
+pub struct ModuleFile {
+    /// SHA-256 of the file, as `sha256:` and 64 hexadecimal digits.
+    pub hash: String,
+    /// Size of the file in bytes.
     pub size_bytes: usize,
     /// What the module itself says.
     pub contents: Contents,
@@ -41,6 +53,23 @@ pub enum ManifestError {
     },
 }
 
+impl ModuleFile {
+    /// Describes the module of an entry point.
+    pub fn of(entry_point: &str, bytes: &[u8]) -> Result<Self, ModuleError> {
+        Ok(ModuleFile {
+            hash: sources::spelled(&Sha256::digest(bytes)),
+            size_bytes: bytes.len(),
+            contents: module::contents(&module::parse(bytes)?, entry_point)?,
+        })
+    }
+}
+
+/// Describes modules, by their entry points.
+pub fn describe(modules: &BTreeMap<String, Vec<u8>>) -> Result<BTreeMap<String, ModuleFile>, ModuleError> {
+    let described = modules.iter().map(|(name, bytes)| Ok((name.clone(), ModuleFile::of(name, bytes)?)));
+    described.collect()
+}
+
 impl Manifest {
     /// Reads the manifest at `path`.
     pub fn read(path: &Path) -> Result<Self, ManifestError> {
@@ -58,20 +87,23 @@ impl Manifest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::module::EntryPoint;
 
     #[test]
     fn what_is_written_is_read_again() {
+        let module = ModuleFile {
+            hash: "sha256:01".into(),
+            size_bytes: 20,
+            contents: Contents {
+                workgroup: [8, 8, 1],
+                spec_constants: [(7, 2)].into(),
+                bindings: [0, 9].into(),
+            },
+        };
         let manifest = Manifest {
             source_hash: "sha256:00".into(),
             rust_gpu: "0.10.0".into(),
             target: "spirv-unknown-vulkan1.2".into(),
-            size_bytes: 20,
-            contents: Contents {
-                entry_points: [("render".into(), EntryPoint { workgroup: [8, 8, 1] })].into(),
-                spec_constants: [(7, 2)].into(),
-                bindings: [0, 9].into(),
-            },
+            modules: [("render".into(), module)].into(),
         };
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), manifest.to_json().unwrap()).unwrap();

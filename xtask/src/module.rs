@@ -1,26 +1,20 @@
-//! What a SPIR-V module says of itself: entry points, specialisation constants, bindings.
+//! What a SPIR-V module says of itself: its entry point's workgroup, specialisation constants, bindings.
 
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, ExecutionMode, Op, Word};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
-/// The interface of a SPIR-V module, each list in ascending order.
+/// The interface of a SPIR-V module with one compute entry point, each list in ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Contents {
-    /// Compute entry points by name.
-    pub entry_points: BTreeMap<String, EntryPoint>,
-    /// Default values of specialisation constants by id. Constants that no entry point reads are absent.
-    pub spec_constants: BTreeMap<Word, Word>,
-    /// Bindings of descriptor set 0 that an entry point uses.
-    pub bindings: BTreeSet<Word>,
-}
-
-/// A compute entry point.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
-pub struct EntryPoint {
     /// Threads of a workgroup along x, y and z.
     pub workgroup: [Word; 3],
+    /// Default values of specialisation constants by id. Constants that the entry point does not read are absent.
+    pub spec_constants: BTreeMap<Word, Word>,
+    /// Bindings of descriptor set 0 that the entry point uses.
+    pub bindings: BTreeSet<Word>,
 }
 
 /// What keeps a module from being read.
@@ -33,6 +27,46 @@ pub enum ModuleError {
         /// Why.
         reason: String,
     },
+    /// The module has another entry point than its name says, or several, or none.
+    #[error("the module of {expected} has the entry points {found:?}")]
+    EntryPoints {
+        /// The only one that it should have.
+        expected: String,
+        /// What it has.
+        found: Vec<String>,
+    },
+    /// A file of the folder could not be read, or the folder.
+    #[error("{path}: {source}")]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system answered.
+        source: std::io::Error,
+    },
+    /// Something else lies among the modules.
+    #[error("{path} is not named as a SPIR-V module")]
+    Stray {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// The bytes of all modules in a folder, by the entry points that their names say.
+pub fn read_all(folder: &Path) -> Result<BTreeMap<String, Vec<u8>>, ModuleError> {
+    let at = |path: &Path| {
+        let path = path.to_path_buf();
+        |source| ModuleError::Read { path, source }
+    };
+    let mut modules = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).map_err(at(folder))? {
+        let path = entry.map_err(at(folder))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let Some(entry_point) = name.strip_suffix(".spv") else {
+            return Err(ModuleError::Stray { path });
+        };
+        modules.insert(entry_point.to_owned(), std::fs::read(&path).map_err(at(&path))?);
+    }
+    Ok(modules)
 }
 
 /// Parses a module.
@@ -40,13 +74,20 @@ pub fn parse(bytes: &[u8]) -> Result<Module, ModuleError> {
     rspirv::dr::load_bytes(bytes).map_err(|state| ModuleError::Malformed { reason: state.to_string() })
 }
 
-/// The interface of a module.
-pub fn contents(module: &Module) -> Contents {
-    Contents {
-        entry_points: entry_points(module),
+/// The interface of the module of an entry point.
+pub fn contents(module: &Module, entry_point: &str) -> Result<Contents, ModuleError> {
+    let function = match entry_points(module)[..] {
+        [(name, function)] if name == entry_point => function,
+        ref others => {
+            let found = others.iter().map(|(name, _)| (*name).to_owned()).collect();
+            return Err(ModuleError::EntryPoints { expected: entry_point.to_owned(), found });
+        }
+    };
+    Ok(Contents {
+        workgroup: workgroup(module, function),
         spec_constants: spec_constants(module),
         bindings: decorated(module, Decoration::Binding).map(|(_, binding)| binding).collect(),
-    }
+    })
 }
 
 /// Ids that carry a decoration with a number, and the number.
@@ -61,17 +102,19 @@ pub fn decorated(module: &Module, wanted: Decoration) -> impl Iterator<Item = (W
     })
 }
 
-/// The compute entry points with their workgroup sizes.
-fn entry_points(module: &Module) -> BTreeMap<String, EntryPoint> {
-    let workgroup = |function| {
-        let sizes = module.execution_modes.iter().find_map(|mode| local_size(mode, function));
-        EntryPoint { workgroup: sizes.unwrap_or_default() }
-    };
+/// The names of the entry points, and their functions.
+fn entry_points(module: &Module) -> Vec<(&str, Word)> {
     let named = module.entry_points.iter().filter_map(|entry| match &entry.operands[..] {
-        [_, Operand::IdRef(function), Operand::LiteralString(name), ..] => Some((name.clone(), *function)),
+        [_, Operand::IdRef(function), Operand::LiteralString(name), ..] => Some((name.as_str(), *function)),
         _ => None,
     });
-    named.map(|(name, function)| (name, workgroup(function))).collect()
+    named.collect()
+}
+
+/// The workgroup size of a function.
+fn workgroup(module: &Module, function: Word) -> [Word; 3] {
+    let sizes = module.execution_modes.iter().find_map(|mode| local_size(mode, function));
+    sizes.unwrap_or_default()
 }
 
 /// The workgroup size, where `mode` states that of `function`.

@@ -1,5 +1,5 @@
 //! How the kernels are compiled. Everything here goes into the source hash, so that a changed setting makes the
-//! committed module stale just as a changed source does.
+//! committed modules stale just as a changed source does.
 
 /// Version of rust-gpu: of `spirv-builder`, `spirv-std` and the code generator `rustc_codegen_spirv`.
 pub const RUST_GPU: &str = "0.10.0-alpha.1";
@@ -10,12 +10,12 @@ pub const TARGET: &str = "spirv-unknown-vulkan1.2";
 /// Capabilities beyond those of the target. The counters are atomics of device scope.
 pub const CAPABILITIES: &[&str] = &["VulkanMemoryModelDeviceScope"];
 
-/// Environment of the compiler that makes the committed module. The profile is pinned here rather than taken from
+/// Environment of the compiler that makes the committed modules. The profile is pinned here rather than taken from
 /// the workspace, since the host's release profile keeps line tables: rust-gpu would put the text of every source
-/// file, and the names of folders of the machine, into the module (350 KB instead of 12 KB).
+/// file, and the names of folders of the machine, into the modules (350 KB instead of 12 KB).
 pub const RELEASE: &[(&str, &str)] =
     &[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "3"), ("CARGO_PROFILE_RELEASE_DEBUG", "0")];
 
-/// The same for a module with names and lines, to be read in a disassembly or a debugger and never committed.
+/// The same for modules with names and lines, to be read in a disassembly or a debugger and never committed.
 pub const DEBUG: &[(&str, &str)] =
     &[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "3"), ("CARGO_PROFILE_RELEASE_DEBUG", "2")];

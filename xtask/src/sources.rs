@@ -1,6 +1,6 @@
-//! The source hash: one number for everything that decides the bytes of the SPIR-V module.
+//! The source hash: one number for everything that decides the bytes of the SPIR-V modules.
 //!
-//! It lets a test tell, without the SPIR-V toolchain, that the committed module is older than the kernels.
+//! It lets a test tell, without the SPIR-V toolchain, that the committed modules are older than the kernels.
 
 use crate::settings;
 use serde::Deserialize;
@@ -39,7 +39,7 @@ pub enum SourceError {
     },
 }
 
-/// The hash of what decides the module's bytes in the workspace at `root`, as `sha256:` and 64 hexadecimal digits:
+/// The hash of what decides the modules' bytes in the workspace at `root`, as `sha256:` and 64 hexadecimal digits:
 /// - the text of every Rust file below `kernels`, with its path there (line endings do not count);
 /// - `kernels/Cargo.toml`, and what it takes from the workspace's;
 /// - name, version and checksum of every package that the kernels depend on, from `Cargo.lock`;
@@ -55,7 +55,7 @@ pub fn source_hash(root: &Path) -> Result<String, SourceError> {
         add(&mut hash, &package.name, &format!("{} {}", package.version, package.checksum));
     }
     add(&mut hash, "settings", &format!("{:?}", compiler_settings()));
-    Ok(format!("sha256:{}", hexadecimal(&hash.finalize())))
+    Ok(spelled(&hash.finalize()))
 }
 
 /// Adds a named text. Lengths go first, so that no text can pass for a part of its neighbour.
@@ -66,7 +66,7 @@ fn add(hash: &mut Sha256, name: &str, text: &str) {
     }
 }
 
-/// Everything of [`settings`] that reaches the compiler of the committed module.
+/// Everything of [`settings`] that reaches the compiler of the committed modules.
 fn compiler_settings() -> impl std::fmt::Debug {
     (settings::RUST_GPU, settings::TARGET, settings::CAPABILITIES, settings::RELEASE)
 }
@@ -178,9 +178,9 @@ fn slashed(path: &Path) -> String {
     path.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }
 
-/// Two lower-case digits a byte.
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+/// A digest of SHA-256 as manifests have it: two lower-case digits a byte.
+pub(crate) fn spelled(digest: &[u8]) -> String {
+    digest.iter().fold("sha256:".to_owned(), |text, byte| format!("{text}{byte:02x}"))
 }
 
 #[cfg(test)]

@@ -4,14 +4,15 @@ use crate::process::{run, say};
 use crate::toolchain;
 use anyhow::{Context, Result, bail, ensure};
 use spirv_builder::{Capability, ShaderPanicStrategy, SpirvBuilder, SpirvMetadata};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use xtask::manifest::Manifest;
-use xtask::{MANIFEST_PATH, MODULE_PATH, REMEDY, module, settings, sources, workspace};
+use xtask::manifest::{Manifest, describe};
+use xtask::{MANIFEST_PATH, MODULES_PATH, REMEDY, module, module_path, settings, sources, workspace};
 
-/// A compiled module with its manifest, as they are committed.
+/// The compiled modules by entry point, with their manifest, as they are committed.
 struct Compiled {
-    module: Vec<u8>,
+    modules: BTreeMap<String, Vec<u8>>,
     manifest: String,
 }
 
@@ -22,53 +23,73 @@ pub(crate) struct Compilation {
     toolchain: String,
     /// The code generator that its rustc loads
     code_generator: PathBuf,
-    /// Where to write the module
+    /// The folder to write the modules to
     output: PathBuf,
     /// With names and lines
     #[arg(long)]
     debug: bool,
 }
 
-/// Writes the module and its manifest.
+/// Writes the modules and their manifest.
 pub(crate) fn build() -> Result<()> {
     let compiled = compile_release()?;
-    write(MODULE_PATH, &compiled.module)?;
+    empty(&workspace().join(MODULES_PATH))?;
+    for (entry_point, module) in &compiled.modules {
+        write(&module_path(entry_point), module)?;
+    }
     write(MANIFEST_PATH, compiled.manifest.as_bytes())?;
-    say(&format!("{MODULE_PATH}: {} bytes", compiled.module.len()));
+    say(&format!("{MODULES_PATH}: {}", compiled.size()));
     Ok(())
 }
 
 /// Compares the committed files with what the sources give.
 pub(crate) fn check() -> Result<()> {
     let compiled = compile_release()?;
-    compare(MODULE_PATH, &compiled.module)?;
+    let committed = module::read_all(&workspace().join(MODULES_PATH)).context(REMEDY)?;
+    for (entry_point, module) in &compiled.modules {
+        compare(&module_path(entry_point), module)?;
+    }
+    for entry_point in committed.keys() {
+        let path = module_path(entry_point);
+        ensure!(
+            compiled.modules.contains_key(entry_point),
+            "{path} has no entry point in the sources; {REMEDY}"
+        );
+    }
     compare(MANIFEST_PATH, compiled.manifest.as_bytes())?;
-    say(&format!("{MODULE_PATH} is what the sources give ({} bytes)", compiled.module.len()));
+    say(&format!("{MODULES_PATH} is what the sources give ({})", compiled.size()));
     Ok(())
 }
 
-/// Writes a module with names and lines where nobody commits it.
+/// Writes modules with names and lines where nobody commits them.
 pub(crate) fn build_debug() -> Result<()> {
-    let path = workspace().join("target/kernels-debug.spv");
-    spawn_compiler(&path, true)?;
-    say(&format!("{}: read it with spirv-dis", path.display()));
+    let folder = workspace().join("target/kernels-debug");
+    empty(&folder)?;
+    spawn_compiler(&folder, true)?;
+    say(&format!("{}: read them with spirv-dis", folder.display()));
     Ok(())
 }
 
 /// Compiles what is to be committed.
 fn compile_release() -> Result<Compiled> {
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let path = folder.path().join("kernels.spv");
-    spawn_compiler(&path, false)?;
-    let module = std::fs::read(&path).with_context(|| path.display().to_string())?;
+    spawn_compiler(folder.path(), false)?;
+    let modules = module::read_all(folder.path())?;
     let manifest = Manifest {
         source_hash: sources::source_hash(&workspace())?,
         rust_gpu: settings::RUST_GPU.into(),
         target: settings::TARGET.into(),
-        size_bytes: module.len(),
-        contents: module::contents(&module::parse(&module)?),
+        modules: describe(&modules)?,
     };
-    Ok(Compiled { manifest: manifest.to_json()?, module })
+    Ok(Compiled { manifest: manifest.to_json()?, modules })
+}
+
+impl Compiled {
+    /// How much it is, for messages.
+    fn size(&self) -> String {
+        let bytes: usize = self.modules.values().map(Vec::len).sum();
+        format!("{} modules, {bytes} bytes", self.modules.len())
+    }
 }
 
 /// Runs [`compile`] in a process of its own: spirv-builder hands its own environment on to cargo, and a running
@@ -105,9 +126,22 @@ pub(crate) fn compile(compilation: Compilation) -> Result<()> {
         builder.shader_panic_strategy =
             ShaderPanicStrategy::DebugPrintfThenExit { print_inputs: true, print_backtrace: true };
     }
+    // One module for all would have each pipeline read, and the validation layers check, the code of every kernel.
+    builder.multimodule = true;
     let result = builder.build().context("the kernels do not compile to SPIR-V")?;
-    std::fs::copy(result.module.unwrap_single(), &output).with_context(|| output.display().to_string())?;
+    for (entry_point, made) in result.module.unwrap_multi() {
+        let path = output.join(format!("{entry_point}.spv"));
+        std::fs::copy(made, &path).with_context(|| path.display().to_string())?;
+    }
     Ok(())
+}
+
+/// Makes an empty folder: a module whose entry point is gone does not stay behind.
+fn empty(folder: &Path) -> Result<()> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())
 }
 
 /// Fails where a committed file is not what was made.

@@ -123,7 +123,7 @@ fn test_programs() -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Compares the committed module with the sources, where a toolchain is there to compile them.
+/// Compares the committed modules with the sources, where a toolchain is there to compile them.
 fn check_spirv() -> Result<String> {
     match toolchain::find() {
         Ok(_) => spirv::check().map(|()| "ok".into()),

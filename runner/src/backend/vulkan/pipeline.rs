@@ -1,4 +1,4 @@
-//! Compute pipelines: the compiled module, one pipeline for each entry point, and what is bound to it.
+//! Compute pipelines: the compiled modules, a pipeline for each, and what is bound to it.
 
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
@@ -7,109 +7,74 @@ use ash::vk;
 use bytemuck::bytes_of;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tile, binding, spec};
 use emboss_kernels::scene::Features;
-use std::ffi::CStr;
+use std::ffi::CString;
 use std::io::Cursor;
 use std::sync::Arc;
-
-/// The kernels, compiled by rust-gpu.
-const MODULE: &[u8] = include_bytes!("../../../../assets/kernels.spv");
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
 pub(super) const MOST_BINDINGS: u32 = 15;
 
-/// An entry point of the module.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kernel {
-    Render,
-    Resolve,
-    TraceRays,
-    HeightPyramid,
-    BoundHeights,
-    DecideSeams,
-    PrismBounds,
-    Probe,
-    SumBlocks,
-    ScanSerially,
-    ScanBlocks,
-    CountDigits,
-    ScatterPairs,
-    BvhCenters,
-    BvhCodes,
-    BvhLevels,
-    BvhThreshold,
-    BvhSingles,
-    BvhFlags,
-    BvhTreelets,
-    BvhStart,
-    BvhChoose,
-    BvhMove,
-    BvhSmall,
-    BvhRefit,
-    BvhCosts,
+/// Declares [`Kernel`] from entry points and their names.
+macro_rules! kernels {
+    ($($kernel:ident: $entry_point:literal,)*) => {
+        /// An entry point of the kernels, compiled by rust-gpu into a module of its own: what is made of a module takes
+        /// a time that grows with all that is in it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Kernel {
+            $($kernel,)*
+        }
+
+        impl Kernel {
+            #[cfg(test)]
+            const ALL: &[Kernel] = &[$(Kernel::$kernel,)*];
+
+            fn entry_point(self) -> &'static str {
+                match self {
+                    $(Kernel::$kernel => $entry_point,)*
+                }
+            }
+
+            fn module(self) -> &'static [u8] {
+                match self {
+                    $(Kernel::$kernel => {
+                        include_bytes!(concat!("../../../../assets/kernels/", $entry_point, ".spv"))
+                    })*
+                }
+            }
+        }
+    };
+}
+
+kernels! {
+    Render: "render",
+    Resolve: "resolve",
+    TraceRays: "trace_rays",
+    HeightPyramid: "height_pyramid",
+    BoundHeights: "bound_heights",
+    DecideSeams: "decide_seams",
+    PrismBounds: "prism_bounds",
+    Probe: "probe",
+    SumBlocks: "sum_blocks",
+    ScanSerially: "scan_serially",
+    ScanBlocks: "scan_blocks",
+    CountDigits: "count_digits",
+    ScatterPairs: "scatter_pairs",
+    BvhCenters: "bvh_centers",
+    BvhCodes: "bvh_codes",
+    BvhLevels: "bvh_levels",
+    BvhThreshold: "bvh_threshold",
+    BvhSingles: "bvh_singles",
+    BvhFlags: "bvh_flags",
+    BvhTreelets: "bvh_treelets",
+    BvhStart: "bvh_start",
+    BvhChoose: "bvh_choose",
+    BvhMove: "bvh_move",
+    BvhSmall: "bvh_small",
+    BvhRefit: "bvh_refit",
+    BvhCosts: "bvh_costs",
 }
 
 impl Kernel {
-    #[cfg(test)]
-    const ALL: [Kernel; 26] = [
-        Kernel::Render,
-        Kernel::Resolve,
-        Kernel::TraceRays,
-        Kernel::HeightPyramid,
-        Kernel::BoundHeights,
-        Kernel::DecideSeams,
-        Kernel::PrismBounds,
-        Kernel::Probe,
-        Kernel::SumBlocks,
-        Kernel::ScanSerially,
-        Kernel::ScanBlocks,
-        Kernel::CountDigits,
-        Kernel::ScatterPairs,
-        Kernel::BvhCenters,
-        Kernel::BvhCodes,
-        Kernel::BvhLevels,
-        Kernel::BvhThreshold,
-        Kernel::BvhSingles,
-        Kernel::BvhFlags,
-        Kernel::BvhTreelets,
-        Kernel::BvhStart,
-        Kernel::BvhChoose,
-        Kernel::BvhMove,
-        Kernel::BvhSmall,
-        Kernel::BvhRefit,
-        Kernel::BvhCosts,
-    ];
-
-    fn entry_point(self) -> &'static CStr {
-        match self {
-            Kernel::Render => c"render",
-            Kernel::Resolve => c"resolve",
-            Kernel::TraceRays => c"trace_rays",
-            Kernel::HeightPyramid => c"height_pyramid",
-            Kernel::BoundHeights => c"bound_heights",
-            Kernel::DecideSeams => c"decide_seams",
-            Kernel::PrismBounds => c"prism_bounds",
-            Kernel::Probe => c"probe",
-            Kernel::SumBlocks => c"sum_blocks",
-            Kernel::ScanSerially => c"scan_serially",
-            Kernel::ScanBlocks => c"scan_blocks",
-            Kernel::CountDigits => c"count_digits",
-            Kernel::ScatterPairs => c"scatter_pairs",
-            Kernel::BvhCenters => c"bvh_centers",
-            Kernel::BvhCodes => c"bvh_codes",
-            Kernel::BvhLevels => c"bvh_levels",
-            Kernel::BvhThreshold => c"bvh_threshold",
-            Kernel::BvhSingles => c"bvh_singles",
-            Kernel::BvhFlags => c"bvh_flags",
-            Kernel::BvhTreelets => c"bvh_treelets",
-            Kernel::BvhStart => c"bvh_start",
-            Kernel::BvhChoose => c"bvh_choose",
-            Kernel::BvhMove => c"bvh_move",
-            Kernel::BvhSmall => c"bvh_small",
-            Kernel::BvhRefit => c"bvh_refit",
-            Kernel::BvhCosts => c"bvh_costs",
-        }
-    }
-
     /// What the device is doing while it runs, for messages.
     pub(super) fn activity(self) -> &'static str {
         match self {
@@ -275,6 +240,37 @@ impl Kernel {
             Kernel::BvhStart | Kernel::BvhRefit | Kernel::BvhCosts => 0,
         }
     }
+
+    /// Ids of the specialisation constants that it has.
+    fn spec_constants(self) -> &'static [u32] {
+        use spec::*;
+        match self {
+            Kernel::Render => &[
+                METHOD,
+                SHADE,
+                SHADOWS,
+                HEIGHT_FORMAT,
+                COLOR_FORMAT,
+                HEIGHT_WRAP,
+                COLOR_WRAP,
+                COUNTERS,
+                NORMALS,
+                SEAMS,
+            ],
+            Kernel::TraceRays => &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS],
+            Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => {
+                &[HEIGHT_FORMAT, HEIGHT_WRAP]
+            }
+            Kernel::PrismBounds => &[NORMALS, SEAMS],
+            _ => &[],
+        }
+    }
+
+    /// Whether its code is the same for both features.
+    pub(super) fn is_alike(self, a: Features, b: Features) -> bool {
+        let (a, b) = (a.to_array(), b.to_array());
+        self.spec_constants().iter().all(|&id| a[id as usize] == b[id as usize])
+    }
 }
 
 /// A kernel ready to be dispatched, compiled for some features, with one descriptor set.
@@ -292,14 +288,13 @@ pub(super) struct Pipeline {
 impl Pipeline {
     /// Compiles `kernel` with the specialisation constants that `features` give.
     pub(super) fn new(
-        module: &Owned<vk::ShaderModule>,
+        device: &Arc<Device>,
         kernel: Kernel,
         features: Features,
     ) -> Result<Self, BackendError> {
-        let device = module.device();
         let set_layout = set_layout(device, kernel)?;
         let layout = pipeline_layout(&set_layout, kernel)?;
-        let raw = compile(module, &layout, kernel, features)?;
+        let raw = compile(&layout, kernel, features)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
         Ok(Pipeline { kernel, raw, layout, set, _pool: pool, _set_layout: set_layout })
@@ -380,19 +375,20 @@ fn pipeline_layout(
 }
 
 fn compile(
-    module: &Owned<vk::ShaderModule>,
     layout: &Owned<vk::PipelineLayout>,
     kernel: Kernel,
     features: Features,
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let device = layout.device();
+    let module = shader_module(device, kernel)?;
+    let name = CString::new(kernel.entry_point()).unwrap_or_default();
     let constants = features.to_array();
-    let entries = specialization_entries();
+    let entries = specialization_entries(kernel);
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytes_of(&constants));
     let stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
-        .name(kernel.entry_point())
+        .name(&name)
         .specialization_info(&specialization);
     let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage);
     // SAFETY: module and layout are of this device, and `info` lives through the call.
@@ -402,11 +398,10 @@ fn compile(
     Owned::new(device, "compiling a kernel", made)
 }
 
-/// All kernels, which pipelines are compiled from.
-pub(super) fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModule>, BackendError> {
+fn shader_module(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::ShaderModule>, BackendError> {
     // The bytes of a file have no alignment; words do.
-    let words = ash::util::read_spv(&mut Cursor::new(MODULE)).map_err(|error| {
-        tracing::error!("the built-in kernels are damaged: {error}");
+    let words = ash::util::read_spv(&mut Cursor::new(kernel.module())).map_err(|error| {
+        tracing::error!("the built-in kernel {} is damaged: {error}", kernel.entry_point());
         BackendError::Vulkan { what: "reading the kernels", source: vk::Result::ERROR_INITIALIZATION_FAILED }
     })?;
     let info = vk::ShaderModuleCreateInfo::default().code(&words);
@@ -415,13 +410,12 @@ pub(super) fn shader_module(device: &Arc<Device>) -> Result<Owned<vk::ShaderModu
     Owned::new(device, "creating the shader module", made)
 }
 
-/// Constant `id` is word number `id` of the features. Ids that a kernel does not have are ignored by Vulkan.
-fn specialization_entries() -> [vk::SpecializationMapEntry; spec::COUNT as usize] {
-    std::array::from_fn(|id| vk::SpecializationMapEntry {
-        constant_id: small(id),
-        offset: small(id * size_of::<u32>()),
-        size: size_of::<u32>(),
-    })
+/// The kernel's constants. Constant `id` is word number `id` of the features. Vulkan would ignore other ids, but the
+/// validation layers specialise and validate a module anew where there is any.
+fn specialization_entries(kernel: Kernel) -> Vec<vk::SpecializationMapEntry> {
+    let size = size_of::<u32>();
+    let entry = |&id| vk::SpecializationMapEntry { constant_id: id, offset: id * small(size), size };
+    kernel.spec_constants().iter().map(entry).collect()
 }
 
 fn descriptor_pool(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::DescriptorPool>, BackendError> {
@@ -455,6 +449,8 @@ fn small(count: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::Value;
+    use std::collections::BTreeSet;
 
     #[test]
     fn no_kernel_binds_more_than_is_asked_of_a_device() {
@@ -464,18 +460,34 @@ mod tests {
 
     #[test]
     fn constants_lie_at_the_words_of_their_ids() {
-        let entries = specialization_entries();
+        let entries = specialization_entries(Kernel::Render);
         let features = Features { color_wrap: 7, ..Features::default() };
         let entry = entries.iter().find(|entry| entry.constant_id == spec::COLOR_WRAP).unwrap();
         let words = features.to_array();
         assert_eq!(words[entry.offset as usize / 4], 7);
     }
 
+    /// The numbers in a JSON array, or those that the keys of an object are.
+    fn numbers(json: &Value) -> BTreeSet<u32> {
+        let array = json.as_array().into_iter().flatten().map(Value::to_string);
+        let keys = json.as_object().into_iter().flat_map(serde_json::Map::keys).cloned();
+        array.chain(keys).map(|number| number.parse().unwrap()).collect()
+    }
+
     #[test]
-    fn every_entry_point_is_in_the_module() {
+    fn kernels_are_the_entry_points_of_the_manifest() {
+        let manifest: Value = serde_json::from_str(include_str!("../../../../assets/kernels.json")).unwrap();
+        let modules = manifest["modules"].as_object().unwrap();
+        let names: BTreeSet<_> = Kernel::ALL.iter().map(|kernel| kernel.entry_point()).collect();
+        assert_eq!(names, modules.keys().map(String::as_str).collect());
         for kernel in Kernel::ALL {
-            let name = kernel.entry_point().to_bytes_with_nul();
-            assert!(MODULE.windows(name.len()).any(|part| part == name), "{kernel:?}");
+            let module = &modules[kernel.entry_point()];
+            assert_eq!(module["size_bytes"], kernel.module().len(), "{kernel:?}");
+            let ids = numbers(&module["contents"]["spec_constants"]);
+            assert_eq!(ids, kernel.spec_constants().iter().copied().collect(), "{kernel:?}");
+            // A parameter that the compiler found unused is not in the module.
+            let bindings = kernel.bindings().iter().copied().collect();
+            assert!(numbers(&module["contents"]["bindings"]).is_subset(&bindings), "{kernel:?}");
         }
     }
 }

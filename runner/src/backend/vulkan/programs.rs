@@ -1,12 +1,11 @@
 //! Pipelines made when they are needed, each with the pace that it runs at.
 
 use super::commands::Commands;
-use super::device::{Device, Owned};
+use super::device::Device;
 use super::pacer::Pacer;
-use super::pipeline::{Kernel, Pipeline, shader_module};
+use super::pipeline::{Kernel, Pipeline};
 use super::tiles::{self, Tiles};
 use crate::backend::BackendError;
-use ash::vk;
 use bytemuck::{Pod, bytes_of};
 use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPart};
@@ -21,8 +20,6 @@ const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
 #[derive(Default)]
 pub(super) struct Programs {
     features: Features,
-    /// Made when the first pipeline is.
-    module: Option<Owned<vk::ShaderModule>>,
     made: Vec<Program>,
 }
 
@@ -47,7 +44,7 @@ impl Programs {
     /// what they measured, since the scene changes.
     pub(super) fn set_features(&mut self, features: Features) {
         self.features = features;
-        self.made.retain(|program| program.features == features_of(program.kernel, features));
+        self.made.retain(|program| program.kernel.is_alike(program.features, features));
         for program in &mut self.made {
             program.pacer = Pacer::new();
         }
@@ -58,43 +55,13 @@ impl Programs {
         let index = match self.made.iter().position(|program| program.kernel == kernel) {
             Some(index) => index,
             None => {
-                let features = features_of(kernel, self.features);
-                let module = match self.module.take() {
-                    Some(module) => module,
-                    None => shader_module(device)?,
-                };
-                let pipeline = Pipeline::new(self.module.insert(module), kernel, features)?;
+                let features = self.features;
+                let pipeline = Pipeline::new(device, kernel, features)?;
                 self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
                 self.made.len() - 1
             }
         };
         Ok(&mut self.made[index])
-    }
-}
-
-/// The part of `features` that a kernel's code depends on, the rest at its default: the specialisation constants
-/// that its entry point has.
-fn features_of(kernel: Kernel, features: Features) -> Features {
-    match kernel {
-        Kernel::Render => features,
-        Kernel::TraceRays => Features {
-            method: features.method,
-            height_format: features.height_format,
-            height_wrap: features.height_wrap,
-            counters: features.counters,
-            normals: features.normals,
-            seams: features.seams,
-            ..Features::default()
-        },
-        Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => Features {
-            height_format: features.height_format,
-            height_wrap: features.height_wrap,
-            ..Features::default()
-        },
-        Kernel::PrismBounds => {
-            Features { normals: features.normals, seams: features.seams, ..Features::default() }
-        }
-        _ => Features::default(),
     }
 }
 
