@@ -23,6 +23,13 @@ pub struct Word(AtomicU32);
 pub struct Word(UnsafeCell<u32>);
 
 #[cfg(not(target_arch = "spirv"))]
+impl Clone for Word {
+    fn clone(&self) -> Word {
+        Word::new(self.get())
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
 impl Word {
     /// A word that holds `value`.
     pub const fn new(value: u32) -> Word {

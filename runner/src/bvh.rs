@@ -32,6 +32,10 @@ impl Bvh {
     }
 }
 
+/// A refit tree whose SAH cost is more than this many times that of the tree as it was built is built again: tracing
+/// takes about as much longer as the cost is higher, and a build takes less than most frames.
+pub(crate) const MOST_GROWTH: f64 = 1.2;
+
 /// What the phases of a build took, in milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BuildTimes {

@@ -1,14 +1,15 @@
-//! A pipeline holds the code that its scene needs and no other: the committed module, specialised as a driver does it,
+//! A pipeline holds the code that its scene needs and no other: a committed module, specialised as a driver does it,
 //! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
 //! out what cannot be reached.
 
 use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade};
 use emboss_kernels::scene::Features;
-use rspirv::dr::{Module, Operand};
+use rspirv::dr::Operand;
 use rspirv::spirv::{Decoration, Word};
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::process::Command;
-use xtask::{MODULE_PATH, module, workspace};
+use xtask::{module, module_path, workspace};
 
 /// Lit, with all that a picture can have.
 const ALL: Features = Features {
@@ -32,13 +33,13 @@ struct Code {
     bindings: BTreeSet<u32>,
 }
 
-/// The committed module.
-fn committed() -> Module {
-    module::parse(&std::fs::read(workspace().join(MODULE_PATH)).unwrap()).unwrap()
+/// The committed module of an entry point.
+fn committed(entry_point: &str) -> PathBuf {
+    workspace().join(module_path(entry_point))
 }
 
-/// The same, specialised.
-fn specialized(features: Features) -> Module {
+/// The code of an entry point, specialised.
+fn specialized(entry_point: &str, features: Features) -> Code {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("specialized.spv");
     let constants: Vec<String> =
@@ -52,16 +53,16 @@ fn specialized(features: Features) -> Module {
     ];
     let mut command = Command::new("spirv-opt");
     command.arg(format!("--set-spec-const-default-value={}", constants.join(" "))).args(passes);
-    let ran = command.arg(workspace().join(MODULE_PATH)).arg("-o").arg(&output).output();
+    let ran = command.arg(committed(entry_point)).arg("-o").arg(&output).output();
     let ran = ran.expect("this test needs spirv-opt, which `cargo xtask test packages` installs");
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    module::parse(&std::fs::read(output).unwrap()).unwrap()
+    code(&output)
 }
 
-/// The code of an entry point, which has all it calls inlined.
-fn code(module: &Module, entry_point: &str) -> Code {
-    let mut entries = module.entry_points.iter();
-    let entry = entries.find(|entry| entry.operands[2] == Operand::from(entry_point)).unwrap();
+/// The code of a module's entry point, which has all it calls inlined.
+fn code(path: &Path) -> Code {
+    let module = module::parse(&std::fs::read(path).unwrap()).unwrap();
+    let entry = &module.entry_points[0];
     let is_entry = |id: Option<Word>| id == Some(entry.operands[1].unwrap_id_ref());
     let function = module.functions.iter().find(|function| is_entry(function.def_id())).unwrap();
     let read: BTreeSet<Word> = function
@@ -73,7 +74,7 @@ fn code(module: &Module, entry_point: &str) -> Code {
         })
         .collect();
     let bound =
-        module::decorated(module, Decoration::Binding).filter(|(variable, _)| read.contains(variable));
+        module::decorated(&module, Decoration::Binding).filter(|(variable, _)| read.contains(variable));
     Code {
         instructions: function.all_inst_iter().count(),
         bindings: bound.map(|(_, binding)| binding).collect(),
@@ -91,9 +92,9 @@ fn assert_unread(with: &Code, without: &Code, unread: &[u32]) {
 #[test]
 fn scenes_without_seams_have_no_code_for_them() {
     for method in [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE] {
-        let [welded, plain] = [1, 0].map(|seams| specialized(Features { method, seams, ..ALL }));
         for entry_point in ["render", "trace_rays"] {
-            let (with, without) = (code(&welded, entry_point), code(&plain, entry_point));
+            let [with, without] =
+                [1, 0].map(|seams| specialized(entry_point, Features { method, seams, ..ALL }));
             assert_unread(&with, &without, &[binding::SEAMS, binding::SEAM_SIDES]);
             assert!(without.instructions < with.instructions, "{entry_point}: {with:?}, {without:?}");
         }
@@ -102,7 +103,7 @@ fn scenes_without_seams_have_no_code_for_them() {
 
 #[test]
 fn features_that_are_off_leave_no_code() {
-    let with = code(&specialized(ALL), "render");
+    let with = specialized("render", ALL);
     let off: [(Features, &[u32]); 5] = [
         (Features { shadows: 0, ..ALL }, &[]),
         (Features { color_format: color_format::NONE, ..ALL }, &[binding::COLOR_TEXELS]),
@@ -111,7 +112,7 @@ fn features_that_are_off_leave_no_code() {
         (Features { counters: 0, ..ALL }, &[]),
     ];
     for (features, unread) in off {
-        let without = code(&specialized(features), "render");
+        let without = specialized("render", features);
         assert_unread(&with, &without, unread);
         assert!(without.instructions < with.instructions, "{features:?}: {without:?}, {with:?}");
     }
@@ -122,10 +123,10 @@ fn features_that_are_off_leave_no_code() {
 fn methods_that_are_not_chosen_leave_no_code() {
     let [quadtree, grid_walk, brute_force, none] =
         [method::QUADTREE, method::GRID_WALK, method::BRUTE_FORCE, method::NONE]
-            .map(|method| code(&specialized(Features { method, ..ALL }), "render"));
+            .map(|method| specialized("render", Features { method, ..ALL }));
     assert_unread(&quadtree, &grid_walk, &[binding::HEIGHT_RANGES]);
     assert_unread(&quadtree, &none, &[binding::HEIGHT_RANGES, binding::SEAMS, binding::SEAM_SIDES]);
-    let all = code(&committed(), "render").instructions;
+    let all = code(&committed("render")).instructions;
     let own = |method: &Code| method.instructions - none.instructions;
     let sum = own(&quadtree) + own(&grid_walk) + own(&brute_force) + none.instructions;
     assert!(all > sum, "{all} instructions before, {sum} together");

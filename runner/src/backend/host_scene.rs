@@ -4,7 +4,7 @@ use super::{
     BackendError, BuildReport, SceneBuffers, check_displacements, check_lights, reserved, with_displacements,
     with_view,
 };
-use crate::bvh::{Bvh, Hlbvh};
+use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::height_bounds;
@@ -24,6 +24,9 @@ pub struct HostScene {
     features: Features,
     height_ranges: Vec<u32>,
     boxes: Vec<Aabb>,
+    /// The tree as it was built or refitted last, with what it cost when it was built.
+    tree: Option<(Hlbvh, f64)>,
+    /// The same as kernels read it.
     bvh: Bvh,
     report: BuildReport,
 }
@@ -47,7 +50,8 @@ impl HostScene {
         let SceneBuffers { displacements, height_texels, .. } = &host.buffers;
         let (format, wrap) = (features.height_format, features.height_wrap);
         build_pyramids(displacements, height_texels, &mut host.height_ranges, format, wrap);
-        host.prepare_prisms(start)?;
+        host.prepare_prisms()?;
+        host.build_bvh(start);
         Ok(host)
     }
 
@@ -111,12 +115,14 @@ impl HostScene {
         if self.frame.triangle_count == 0 {
             return Ok(());
         }
-        self.prepare_prisms(Instant::now())
+        let start = Instant::now();
+        self.prepare_prisms()?;
+        self.update_bvh(start);
+        Ok(())
     }
 
-    /// Everything behind the pyramids: the heights of triangles, those of seams, the boxes, and the BVH over them.
-    /// `start` is when the work began.
-    fn prepare_prisms(&mut self, start: Instant) -> Result<(), BackendError> {
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
+    fn prepare_prisms(&mut self) -> Result<(), BackendError> {
         let features = self.features;
         // Taken out, since the view of the rest is read meanwhile, which has neither.
         let mut triangles = std::mem::take(&mut self.buffers.triangles);
@@ -137,18 +143,36 @@ impl HostScene {
             .map(|primitive| prism_bounds(&view, features, primitive))
             .collect_into_vec(&mut boxes);
         self.boxes = boxes;
-        self.build_bvh(start);
         Ok(())
     }
 
-    /// Builds the tree over the boxes.
+    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `start` is when the
+    /// work began.
+    fn update_bvh(&mut self, start: Instant) {
+        // A triangle that was left out may be sound by now, which a refit would not notice.
+        if self.report.left_out == 0
+            && let Some((tree, built_cost)) = &mut self.tree
+            && tree.refit(&self.boxes)
+            && tree.cost() <= MOST_GROWTH * *built_cost
+        {
+            self.bvh = tree.tree();
+            debug_assert_eq!(self.bvh.validate(&self.boxes).err(), None);
+            self.report = BuildReport { duration: start.elapsed(), refitted: true, ..self.report };
+        } else {
+            self.build_bvh(start);
+        }
+    }
+
+    /// Builds the tree over the boxes. `start` is when the work began.
     fn build_bvh(&mut self, start: Instant) {
         let tree = Hlbvh::build(&self.boxes);
         self.bvh = tree.tree();
         debug_assert_eq!(self.bvh.validate(&self.boxes).err(), None);
         let nodes = u32::try_from(self.bvh.nodes.len()).unwrap_or(u32::MAX);
         let left_out = self.frame.triangle_count - tree.sound();
-        self.report = BuildReport { duration: start.elapsed(), nodes, left_out };
+        self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
+        let cost = tree.cost();
+        self.tree = Some((tree, cost));
     }
 }
 

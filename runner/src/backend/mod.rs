@@ -228,6 +228,8 @@ pub struct BuildReport {
     pub nodes: u32,
     /// Triangles that the BVH leaves out, since their boxes are not finite.
     pub left_out: u32,
+    /// Whether the BVH kept its nodes and only got other boxes.
+    pub refitted: bool,
 }
 
 /// Totals of the work counters, in the order of [`counter`].

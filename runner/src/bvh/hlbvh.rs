@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use std::time::Instant;
 
 /// A tree, with what a refit of it needs.
+#[derive(Clone, Debug)]
 pub struct Hlbvh {
     count: u32,
     boxes: Vec<f32>,
@@ -59,6 +60,7 @@ impl Hlbvh {
     pub fn refit(&mut self, boxes: &[Aabb]) -> bool {
         assert_eq!(boxes.len(), self.count as usize, "a refit keeps the primitives");
         self.boxes = floats(boxes);
+        self.state[header::UNSOUND as usize].set(0);
         each(2 * self.count, |slot| {
             let Hlbvh { boxes, state, arrivals, parents, nodes, primitives, .. } = &*self;
             refit::refit(boxes, state, arrivals, parents, nodes, primitives, slot);

@@ -350,6 +350,8 @@ impl Builder {
         self.refit.bind(|at| tree.at(at).unwrap_or(tree.nodes));
         let nodes = 2 * tree.state.count.max(1) - 1;
         commands.run("refitting the BVH", |recorder| {
+            recorder.put_word(&tree.state.header, header::UNSOUND, 0);
+            recorder.barrier();
             recorder.dispatch(&self.refit, &[], rows(nodes.div_ceil(BATCH_GROUP_SIZE)));
         })
     }

@@ -271,6 +271,14 @@ impl Recorder<'_> {
         unsafe { self.device.cmd_fill_buffer(self.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, word) };
     }
 
+    /// Writes a word of a buffer.
+    pub(super) fn put_word(&self, buffer: &Buffer, place: u32, word: u32) {
+        let offset = u64::from(place) * size_of::<u32>() as u64;
+        assert!(offset + 4 <= buffer.bytes(), "word {place} is not there");
+        // SAFETY: the word lies in the buffer, which outlives the submission and may be a destination.
+        unsafe { self.device.cmd_fill_buffer(self.buffer, buffer.raw(), offset, 4, word) };
+    }
+
     /// Notes the time at which everything recorded so far is done: [`Commands::run_marked`] tells it.
     pub(super) fn mark(&self) {
         let number = self.marks.get() + 1;

@@ -33,7 +33,7 @@ mod validation;
 pub use validation::ValidationLog;
 
 use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
-use crate::bvh::{BuildTimes, Bvh};
+use crate::bvh::{BuildTimes, Bvh, MOST_GROWTH};
 use buffer::{Buffer, Label};
 use build::{Builder, OwnTree};
 use bytemuck::cast_slice;
@@ -98,6 +98,8 @@ pub struct VulkanBackend {
     /// What the samples took since the film was cleared.
     samples_ms: f64,
     report: BuildReport,
+    /// The SAH cost of the BVH as it was built, once it was asked for.
+    built_cost: Option<f64>,
 }
 
 impl VulkanBackend {
@@ -126,6 +128,7 @@ impl VulkanBackend {
             device,
             samples_ms: 0.0,
             report: BuildReport::default(),
+            built_cost: None,
         })
     }
 
@@ -260,9 +263,8 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Everything behind the pyramids: the heights of triangles, those of seams, the boxes, and the BVH over them.
-    /// `start` is when the work began.
-    fn prepare_prisms(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
+    fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, count) in preparation(resident) {
             if count > 0 {
                 let program = self.programs.get(&self.device, kernel)?;
@@ -270,16 +272,40 @@ impl VulkanBackend {
                 program.run_batches(&self.commands, count, 0)?;
             }
         }
+        Ok(())
+    }
+
+    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `before` is what
+    /// was said of it, `start` when the work began.
+    fn update_bvh(
+        &mut self,
+        resident: &Resident,
+        before: BuildReport,
+        built_cost: f64,
+        start: Instant,
+    ) -> Result<(), BackendError> {
+        // A triangle that was left out may be sound by now, which a refit would not notice.
+        if before.left_out == 0 {
+            let builder = self.builder()?;
+            let (commands, transfers, tree) = (&self.commands, &self.transfers, resident.tree());
+            builder.refit(commands, tree)?;
+            let is_sound = tree.state.unsound(commands, transfers)? == 0;
+            if is_sound && builder.cost(commands, transfers, tree)? <= MOST_GROWTH * built_cost {
+                self.report = BuildReport { duration: start.elapsed(), refitted: true, ..before };
+                return Ok(());
+            }
+        }
         self.build_bvh(resident, start)
     }
 
-    /// Builds the tree over the boxes.
+    /// Builds the tree over the boxes. `start` is when the work began.
     fn build_bvh(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
         let builder = self.builder()?;
         builder.build(&self.device, &self.commands, resident.tree())?;
         let sound = resident.tree().state.sound(&self.commands, &self.transfers)?;
         let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
-        self.report = BuildReport { duration: start.elapsed(), nodes, left_out };
+        self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
+        self.built_cost = None;
         Ok(())
     }
 
@@ -332,7 +358,8 @@ impl Backend for VulkanBackend {
             let program = self.programs.get(&self.device, Kernel::HeightPyramid)?;
             program.pipeline().bind(|at| resident.buffer(at));
             program.build_pyramids(&self.commands, &scene.displacements)?;
-            self.prepare_prisms(&resident, start)?;
+            self.prepare_prisms(&resident)?;
+            self.build_bvh(&resident, start)?;
         }
         // Compiled here so that their time is not part of the first sample's.
         for kernel in [Kernel::Render, Kernel::Resolve] {
@@ -364,9 +391,16 @@ impl Backend for VulkanBackend {
         self.samples_ms = 0.0;
         self.resident.set_displacements(&self.commands, &mut self.transfers, displacements)?;
         if self.resident.triangles() > 0 {
+            let (start, before) = (Instant::now(), self.report);
+            let built_cost = match self.built_cost {
+                Some(cost) => cost,
+                None => self.builder()?.cost(&self.commands, &self.transfers, self.resident.tree())?,
+            };
+            self.built_cost = Some(built_cost);
             // Half-built trees are not traced: after an error the backend holds an empty scene.
             let resident = self.take_scene()?;
-            self.prepare_prisms(&resident, Instant::now())?;
+            self.prepare_prisms(&resident)?;
+            self.update_bvh(&resident, before, built_cost, start)?;
             self.resident = resident;
         }
         Ok(())
