@@ -13,10 +13,10 @@ use crate::parallel::{Word, word};
 
 /// Most treelets of a tree. Twice as many make a tree of 10^6 primitives 2 % cheaper to traverse, by SAH cost.
 pub const MAX_TREELETS: u32 = 1 << 15;
-/// Words of a treelet: its root as a node, then [`START`], [`SIZE`] and [`DEEP`].
+/// Words of a treelet: its root as a node, then [`LAST`], [`SIZE`] and whether it is deep.
 pub const TREELET_WORDS: u32 = 11;
-/// Word of a treelet: the sorted position of its first primitive.
-pub const START: u32 = 8;
+/// Word of a treelet: the position of its last primitive, which no other treelet has.
+pub const LAST: u32 = 8;
 /// Word of a treelet: how many primitives it has.
 pub const SIZE: u32 = 9;
 /// Word of a treelet: 1 where it came out deeper than [`MAX_TREELET_DEPTH`].
@@ -45,7 +45,7 @@ pub fn emit_single(boxes: &[f32], treelets: &[Word], primitives: &[Word], i: u32
     let bounds = load_box(boxes, i);
     let treelet = i * TREELET_WORDS;
     word(primitives, i).set(i);
-    word(treelets, treelet + START).set(i);
+    word(treelets, treelet + LAST).set(i);
     word(treelets, treelet + SIZE).set(is_sound(bounds) as u32);
     put_node(treelets, treelet, BvhNode { min: bounds.min, first: i, max: bounds.max, count: 1 });
 }
@@ -117,6 +117,9 @@ pub fn emit_treelet(
     i: u32,
 ) {
     let sound = word(state, header::SOUND).get();
+    if i < step.count {
+        word(primitives, i).set(word(order, i).get());
+    }
     if i >= sound {
         return;
     }
@@ -126,9 +129,7 @@ pub fn emit_treelet(
     if by_halves && word(treelets, treelet + DEEP).get() == 0 {
         return;
     }
-    let primitive = word(order, i).get();
-    word(primitives, i).set(primitive);
-    let mut bounds = load_box(boxes, primitive);
+    let mut bounds = load_box(boxes, word(order, i).get());
     // The node at hand: the primitives at positions `left` to `right`, `height` levels above its deepest leaf.
     let (mut first, mut count, mut height) = (i, 1, 0u32);
     let (mut left, mut right) = (i, i);
@@ -141,7 +142,7 @@ pub fn emit_treelet(
         if before == BORDER && behind == BORDER {
             climbing = false;
             put_node(treelets, treelet, node);
-            word(treelets, treelet + START).set(left);
+            word(treelets, treelet + LAST).set(right);
             word(treelets, treelet + SIZE).set(right + 1 - left);
             if height > MAX_TREELET_DEPTH && !by_halves {
                 word(treelets, treelet + DEEP).set(1);

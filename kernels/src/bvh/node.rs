@@ -21,11 +21,16 @@ pub fn load_box(boxes: &[f32], primitive: u32) -> Aabb {
     }
 }
 
-/// Whether a primitive with this box is part of the tree: its box holds something and is bounded. NaN is not.
+/// Coordinates of boxes beyond this are as good as none: 2^122. It leaves room for powers of two that scale what lies
+/// between into [0, 1), in whatever order a driver multiplies.
+pub const LARGEST: f32 = 5.316_912e36;
+
+/// Whether a primitive with this box is part of the tree: its box holds something, and nothing beyond [`LARGEST`]. NaN is
+/// not.
 #[inline]
 pub fn is_sound(bounds: Aabb) -> bool {
-    let lowest = Vec3::splat(-f32::MAX);
-    let highest = Vec3::splat(f32::MAX);
+    let lowest = Vec3::splat(-LARGEST);
+    let highest = Vec3::splat(LARGEST);
     bounds.min.cmpge(lowest).all() && bounds.max.cmple(highest).all() && bounds.min.cmple(bounds.max).all()
 }
 
@@ -207,7 +212,7 @@ pub fn half_size(bounds: Aabb) -> Vec3 {
 }
 
 /// `x` times a power of two so that `size` would come to lie in [1/2, 1), without rounding: 0 where `size` is so small,
-/// below 2^-104, that differences within it might be denormal. `0 <= x <= size`, below 2^127.
+/// below 2^-104, that differences within it might be denormal. `0 <= x <= size`, at most [`LARGEST`].
 #[inline]
 pub fn normalized(x: f32, size: f32) -> f32 {
     let exponent = size.to_bits() >> 23;

@@ -12,7 +12,7 @@
 
 use crate::aabb::Aabb;
 use crate::bvh::header;
-use crate::bvh::hlbvh::{MAX_TREELETS, SIZE, START, TREELET_WORDS, pair};
+use crate::bvh::hlbvh::{LAST, MAX_TREELETS, SIZE, TREELET_WORDS, pair};
 use crate::bvh::node::{Extent, center, half_size, load_node, node_word, normalized, put_node};
 use crate::bvh::small::{self, MOST_SMALL};
 use crate::interface::{BuildStep, BvhNode};
@@ -213,8 +213,7 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
 /// The pair of siblings that split number `split` of the top lends: that of the split behind the treelet of that number.
 #[inline]
 pub fn pair_of_split(treelets: &[Word], split: u32) -> u32 {
-    let lender = split * TREELET_WORDS;
-    word(treelets, lender + START).get() + word(treelets, lender + SIZE).get() - 1
+    word(treelets, split * TREELET_WORDS + LAST).get()
 }
 
 /// Writes a task's node, whose children are pair number `pair`, and its plane.

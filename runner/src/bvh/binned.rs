@@ -197,6 +197,7 @@ fn partition_by(items: &mut [u32], first: impl Fn(u32) -> bool) -> usize {
 mod tests {
     use super::*;
     use crate::bvh::BvhStats;
+    use emboss_kernels::bvh::node::LARGEST;
     use emboss_kernels::sampler::{pcg4d, unit_float};
     use glam::UVec4;
 
@@ -285,7 +286,7 @@ mod tests {
         let mut boxes = random_boxes(100);
         boxes.push(Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY });
         boxes.push(Aabb { min: Vec3::ZERO, max: Vec3::NAN });
-        boxes.push(Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) });
+        boxes.push(Aabb { min: Vec3::splat(-LARGEST), max: Vec3::splat(LARGEST) });
         assert_eq!(built(&boxes).leaves, 101);
     }
 

@@ -97,6 +97,12 @@ impl Hlbvh {
         costs.iter().map(|cost| f64::from(f32::from_bits(cost.get()))).sum()
     }
 
+    /// Whether some treelet came out deeper than [`MAX_TREELET_DEPTH`](emboss_kernels::bvh::hlbvh::MAX_TREELET_DEPTH), and
+    /// was built again by halving.
+    pub fn has_deep_treelets(&self) -> bool {
+        self.state[header::DEEP_GROUPS as usize].get() > 0
+    }
+
     /// What the phases of its build took.
     pub fn times(&self) -> BuildTimes {
         self.times
@@ -226,42 +232,4 @@ fn each(count: u32, kernel: impl Fn(u32) + Sync + Send) {
 /// Runs `count` workgroups.
 fn groups(count: u32, kernel: impl Fn(u32) + Sync + Send) {
     (0..count).into_par_iter().for_each(kernel);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use emboss_kernels::sampler::{pcg4d, unit_float};
-    use glam::{UVec4, Vec3};
-
-    fn random(count: u32, scale: f32) -> Vec<Aabb> {
-        (0..count)
-            .map(|i| {
-                let bits = pcg4d(UVec4::new(i, 1, 2, 3));
-                let min = Vec3::new(unit_float(bits.x), unit_float(bits.y), unit_float(bits.z));
-                Aabb { min: min * scale, max: (min + 0.02 * unit_float(bits.w)) * scale }
-            })
-            .collect()
-    }
-
-    #[test]
-    fn quick() {
-        for count in [0, 1, 2, 3, 7, 255, 256, 257, 1000, 10_000, 100_000, 1_200_000] {
-            for scale in [1.0, 1e-30, 1e30] {
-                let boxes = random(count, scale);
-                let tree = Hlbvh::build(&boxes);
-                let stats = tree.tree().validate(&boxes).expect("valid");
-                if count < 20_000 || scale == 1.0 {
-                    let host = Bvh::binned(&boxes).validate(&boxes).unwrap();
-                    println!(
-                        "{count} {scale}: {stats:?} {} {:?} host {} {}",
-                        tree.cost(),
-                        tree.times(),
-                        host.sah_cost,
-                        host.depth
-                    );
-                }
-            }
-        }
-    }
 }

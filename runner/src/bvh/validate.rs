@@ -79,7 +79,7 @@ impl Bvh {
         match &self.nodes[..] {
             // Where nothing is sound, a root that no ray enters, or none.
             [] => {}
-            [root] if self.primitives.is_empty() && root.min.cmpgt(root.max).all() => walk.seen[0] = true,
+            [root] if root.count == 0 && root.min.cmpgt(root.max).all() => walk.seen[0] = true,
             _ => walk.subtree(0, 0)?,
         }
         walk.finish()
