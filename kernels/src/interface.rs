@@ -79,7 +79,7 @@ pub mod binding {
     pub const TREELET_TASKS: u32 = 32;
     /// `[u32]`: the tasks of a level, those of the next.
     pub const TASK_QUEUES: u32 = 33;
-    /// `[f32]`: partial sums of the SAH cost.
+    /// `[u32]`: partial sums of the SAH cost, floats as words.
     pub const COSTS: u32 = 34;
     /// `[u32]`: small tasks, see [`small`](crate::bvh::small).
     pub const SMALL_TASKS: u32 = 35;

@@ -76,12 +76,6 @@ pub fn choose_threshold(step: &BuildStep, buffers: &TopBuffers<'_>) {
     while i < 3 {
         word(state, header::DEEP_GROUPS + i).set(1);
         word(state, header::SMALL_GROUPS + i).set(1);
-        let mut level = 0;
-        while level < top::MOST_LEVELS {
-            word(state, header::CHOOSE_GROUPS + 3 * level + i).set(1);
-            word(state, header::MOVE_GROUPS + 3 * level + i).set(1);
-            level += 1;
-        }
         i += 1;
     }
     let items = if has_single_treelets(step.count) { sound } else { treelets };

@@ -46,10 +46,8 @@ pub mod header {
     pub const LEVEL_COUNTS: u32 = 16;
     /// Three words: workgroups of `bvh_small`, one for each small task.
     pub const SMALL_GROUPS: u32 = LEVEL_COUNTS + super::morton::LEVELS;
-    /// Three words for each level of the top: workgroups of `bvh_choose`, one for each task. One level more than there are is named, never run.
-    pub const CHOOSE_GROUPS: u32 = SMALL_GROUPS + 3;
-    /// Three words for each level of the top: workgroups of `bvh_move`.
-    pub const MOVE_GROUPS: u32 = CHOOSE_GROUPS + 3 * (super::top::MOST_LEVELS + 1);
+    /// How many tasks each level of the top has. One level more than there are is named, never run.
+    pub const TASK_COUNTS: u32 = SMALL_GROUPS + 3;
     /// How many words.
-    pub const WORDS: u32 = MOVE_GROUPS + 3 * super::top::MOST_LEVELS;
+    pub const WORDS: u32 = TASK_COUNTS + super::top::MOST_LEVELS + 1;
 }

@@ -28,7 +28,7 @@ const LISTED: u32 = 3;
 /// How many words.
 pub const SMALL_TASK_WORDS: u32 = 4;
 
-/// Shared memory: for each treelet [`ITEM_WORDS`], for each position [`PLACE_WORDS`], twice, and [`BEST_WORDS`]; then a word
+/// Shared memory: for each treelet `ITEM_WORDS`, for each position `PLACE_WORDS`, twice, and `BEST_WORDS`; then a word
 /// for each level, of how many positions are still to be split.
 pub type Shared = [u32; (PENDING + LEVEL_LIMIT) as usize];
 /// Words of a treelet: its extent, its middle as ordered words, how many primitives, its number.

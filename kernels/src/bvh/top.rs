@@ -3,10 +3,10 @@
 //!
 //! A *task* is a node that is to be split. A level is two dispatches: [`choose`], a workgroup for each task in the level's
 //! queue, and [`move_treelet`], an invocation for each treelet, which takes it to its side of its task's plane and adds
-//! it to the bins of the task it finds there. Tasks of few treelets leave the levels for [`small`](super::small).
+//! it to the bins of the task it finds there. Tasks of few treelets leave the levels for [`small`].
 //!
 //! A task over c treelets owns c consecutive numbers, its left child the first of them; so the split of its children has a
-//! number of its own, and so has each task: see [`task_number`]. Bins hold integers only: maxima and sums that come out
+//! number of its own, and so has each task: see `task_number`. Bins hold integers only: maxima and sums that come out
 //! alike in any order. Areas are fixed-point shares of the task's own box. Hence the same treelets give the same tree
 //! everywhere.
 
@@ -23,9 +23,10 @@ use glam::Vec3;
 /// [`move_treelet`].
 pub const GROUP_SIZE: u32 = 64;
 /// Most levels of tasks.
-pub const MOST_LEVELS: u32 = 22;
-/// The levels that the top may have beyond those of a balanced one: room for uneven splits where they pay.
-const UNEVEN_LEVELS: u32 = 12;
+pub const MOST_LEVELS: u32 = 23;
+/// The levels that the top may have beyond twice those of a balanced one: room for uneven splits where they pay. (Once
+/// those are needed, where treelets are in no order on a curve and only halving is sure to end.)
+const UNEVEN_LEVELS: u32 = 3;
 
 /// From 8 to 32 bins the SAH cost of our scenes differs by less than 2 %.
 const BINS: u32 = 16;
@@ -63,7 +64,7 @@ const TASK_PAIR: u32 = TASK_AXIS + 3;
 /// How many words, in two sets: those of a level are read while those of the next are written.
 pub const TASK_WORDS: u32 = TASK_PAIR + 1;
 
-/// The task of a treelet that stands in the tree, or waits for [`small`](super::small).
+/// The task of a treelet that stands in the tree, or waits for [`small`].
 const DONE: u32 = u32::MAX;
 
 /// Shared memory of [`choose`]: the bins, then for each plane its cost (upper word, lower word), the treelets on its fuller
@@ -89,7 +90,7 @@ fn task_number(first: u32) -> u32 {
 
 /// How many levels of tasks the top of a tree over `count` primitives may have: see [`BuildStep::level_limit`].
 pub fn level_limit(count: u32) -> u32 {
-    rounded_up_log2(most_tasks(count)) + UNEVEN_LEVELS
+    2 * rounded_up_log2(most_tasks(count)) + UNEVEN_LEVELS
 }
 
 /// Sets up the task over `items` treelets of `treelets`, or the root of a tree without any.
@@ -115,7 +116,7 @@ pub fn put_first_task(buffers: &TopBuffers<'_>, step: &BuildStep, treelets: u32,
         word(tasks, TASK_NUMBERS).set(!0);
         word(tasks, TASK_NUMBERS + 1).set(treelets);
         word(buffers.queues, 0).set(0);
-        word(buffers.state, header::CHOOSE_GROUPS).set(1);
+        word(buffers.state, header::TASK_COUNTS).set(1);
     } else if items > 1 {
         small::put_task(buffers, step, 0, items, 0);
     }
@@ -139,6 +140,12 @@ pub fn start_treelet(buffers: &TopBuffers<'_>, t: u32) {
         }
         word(buffers.treelet_tasks, t).set(task);
     }
+}
+
+/// How many tasks a level has.
+#[inline]
+pub fn task_count(step: &BuildStep, state: &[Word]) -> u32 {
+    word(state, header::TASK_COUNTS + step.level).get()
 }
 
 /// Splits task number `group.id` of a level's queue: writes its node, its plane, and its children where they are tasks.
@@ -183,8 +190,6 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
             let pair = pair_of_split(buffers.treelets, first + left_items - 1);
             if local == 0 {
                 put_split(shared, buffers, task, pair);
-                let groups = word(buffers.state, header::TREELETS).get().div_ceil(GROUP_SIZE);
-                word(buffers.state, header::MOVE_GROUPS + 3 * step.level).max(groups);
             }
             let child = CHILDREN + local * BIN_WORDS;
             let items = shared_at(shared, child + ITEMS);
@@ -201,7 +206,7 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
                     word(tasks, task + TASK_EXTENT + i).set(shared_at(shared, child + i));
                     i += 1;
                 }
-                let place = word(buffers.state, header::CHOOSE_GROUPS + 3 * (step.level + 1)).add(1);
+                let place = word(buffers.state, header::TASK_COUNTS + step.level + 1).add(1);
                 word(buffers.queues, next_set + place).set(number);
             } else if items > 1 {
                 small::put_task(buffers, step, first, items, slot);
@@ -524,11 +529,11 @@ pub struct TopBuffers<'a> {
     pub treelet_tasks: &'a [Word],
     /// The tasks, in two sets of [`most_tasks`].
     pub tasks: &'a [Word],
-    /// Numbers of tasks: two sets, then those of [`small`](super::small).
+    /// Numbers of tasks: two sets, then those of [`small`].
     pub queues: &'a [Word],
     /// [`TASK_BIN_WORDS`] for each task.
     pub bins: &'a [Word],
-    /// See [`small`](super::small).
+    /// See [`small`].
     pub small_tasks: &'a [Word],
     /// The treelets of small tasks, each at one of its task's numbers.
     pub lists: &'a [Word],

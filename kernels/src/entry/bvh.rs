@@ -211,7 +211,10 @@ pub fn bvh_choose(
         nodes,
         parents,
     };
-    top::choose(Workgroup::of_invocation(group.x, local), shared, step, &buffers);
+    // The same for all of a workgroup.
+    if group.x < top::task_count(step, state) {
+        top::choose(Workgroup::of_invocation(group.x, local), shared, step, &buffers);
+    }
 }
 
 /// Takes treelets to the tasks of the next level, or to their places.

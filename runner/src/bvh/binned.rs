@@ -270,11 +270,13 @@ mod tests {
         assert_eq!(stats.depth, 10);
     }
 
-    /// Each point is 8 times as far as the one before: of the 16 bins the last holds the last point, the first three all
-    /// others, so that every SAH split takes one point off. Unlimited, the tree of 84 points would be 83 deep.
+    /// On each of two axes, each point is 16 times as far as the one before: of the 16 bins the last holds the last point, the
+    /// first all others, so that every SAH split takes one point off. Unlimited, the tree of 120 points would be 119 deep.
     #[test]
     fn geometric_progressions_keep_the_depth_limit() {
-        let boxes: Vec<Aabb> = (0..84).map(|i| point(2.0_f32.powi(3 * i - 125))).collect();
+        let on_axis = |i: i32, axis: Vec3| axis * 2.0_f32.powi(4 * i - 120);
+        let points = (0..60).flat_map(|i| [on_axis(i, Vec3::X), on_axis(i, Vec3::Y)]);
+        let boxes: Vec<Aabb> = points.map(|p| Aabb { min: p, max: p }).collect();
         let stats = built(&boxes);
         assert!(stats.depth <= MAX_BVH_DEPTH, "depth {}", stats.depth);
         // The limit, not balance, is what ends it: SAH is followed as long as it may be.

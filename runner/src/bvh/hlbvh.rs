@@ -184,12 +184,15 @@ impl Hlbvh {
         each(most_treelets, |t| top::start_treelet(&buffers, t));
         for level in 0..step.level_limit {
             let step = BuildStep { level, ..step };
-            groups(state[(header::CHOOSE_GROUPS + 3 * level) as usize].get(), |id| {
+            let tasks = top::task_count(&step, state);
+            if tasks == 0 {
+                break;
+            }
+            groups(tasks, |id| {
                 let mut shared = [0; size_of::<top::Shared>() / 4];
                 top::choose(Workgroup::new(id), &mut shared, &step, &buffers);
             });
-            let moved = state[(header::MOVE_GROUPS + 3 * level) as usize].get() * top::GROUP_SIZE;
-            each(moved, |t| top::move_treelet(&step, &buffers, t));
+            each(most_treelets, |t| top::move_treelet(&step, &buffers, t));
         }
         groups(state[header::SMALL_GROUPS as usize].get(), |id| {
             let mut shared = [0; size_of::<small::Shared>() / 4];

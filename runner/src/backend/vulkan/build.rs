@@ -332,6 +332,7 @@ impl Builder {
             dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
             self.scanner.record(recorder, count);
             dispatch(&self.treelets, step, count.div_ceil(BATCH_GROUP_SIZE));
+            recorder.barrier_for_arguments();
             indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
         }
         recorder.mark();
@@ -339,9 +340,11 @@ impl Builder {
         recorder.barrier();
         for level in 0..step.level_limit {
             let step = BuildStep { level, ..*step };
-            indirect(&self.choose, &step, header::CHOOSE_GROUPS + 3 * level);
-            indirect(&self.move_treelets, &step, header::MOVE_GROUPS + 3 * level);
+            // Of so few workgroups that those without a task cost less than to read how many have one.
+            dispatch(&self.choose, &step, top::most_tasks(count));
+            dispatch(&self.move_treelets, &step, count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE));
         }
+        recorder.barrier_for_arguments();
         indirect(&self.small, step, header::SMALL_GROUPS);
     }
 

@@ -299,10 +299,15 @@ impl Recorder<'_> {
         let work = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let written = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         let read = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ;
-        // How many workgroups an indirect dispatch has is read before its shader runs.
+        self.memory_barrier(work, written, work, written | read);
+    }
+
+    /// What kernels before it wrote is there for indirect dispatches after it to take their numbers of workgroups from,
+    /// which a device reads before their shader runs.
+    pub(super) fn barrier_for_arguments(&self) {
+        let (work, written) = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
         let arguments = vk::PipelineStageFlags::DRAW_INDIRECT;
-        let argument_read = vk::AccessFlags::INDIRECT_COMMAND_READ;
-        self.memory_barrier(work, written, work | arguments, written | read | argument_read);
+        self.memory_barrier(work, written, arguments, vk::AccessFlags::INDIRECT_COMMAND_READ);
     }
 
     /// What copies before it wrote can be read by the host once the submission is done.
