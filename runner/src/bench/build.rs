@@ -204,18 +204,18 @@ pub fn measure(
     time: Duration,
     progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Option<Measurement>, BenchError> {
-    let all = (WARM_UP + time).as_secs_f64();
+    let share = |spent: Duration| (spent.as_secs_f64() / (WARM_UP + time).as_secs_f64()).min(1.0);
     let start = Instant::now();
     let mut flow = ControlFlow::Continue(());
     while flow.is_continue() && start.elapsed() < WARM_UP {
         subject.build()?;
-        flow = progress((start.elapsed().as_secs_f64() / all).min(1.0));
+        flow = progress(share(start.elapsed().min(WARM_UP)));
     }
     let start = Instant::now();
     let mut builds = Vec::new();
     while flow.is_continue() && (builds.len() < LEAST_BUILDS || start.elapsed() < time) {
         builds.push(subject.build()?);
-        flow = progress(((WARM_UP + start.elapsed()).as_secs_f64() / all).min(1.0));
+        flow = progress(share(WARM_UP + start.elapsed()));
     }
     let Some(build) = median(&mut builds, |times| times.total()) else { return Ok(None) };
     let mut refits = vec![subject.refit()?];
