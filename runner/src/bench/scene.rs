@@ -59,10 +59,11 @@ fn spheres(count: u32) -> Vec<Sphere> {
     let mut spheres = Vec::new();
     let (mut left, mut weight_left) = (count, weights.iter().sum::<f64>());
     for (i, weight) in (0..SPHERES).zip(weights) {
-        let share = f64::from(left) * (weight / weight_left);
+        let last = i + 1 == SPHERES;
+        let share = if last { 1.0 } else { weight / weight_left };
         weight_left -= weight;
-        let segments = (share / 12.0).sqrt();
-        let segments = if i + 1 == SPHERES { segments.ceil() } else { segments.round() };
+        let segments = (f64::from(left) * share / 12.0).sqrt();
+        let segments = if last { segments.ceil() } else { segments.round() };
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -80,12 +81,6 @@ fn spheres(count: u32) -> Vec<Sphere> {
             segments,
             triangles,
         });
-    }
-    // All that the shares of the last sphere rounded away.
-    if let Some(last) = spheres.last_mut() {
-        last.triangles += left;
-        last.segments = last.triangles.div_ceil(12).isqrt();
-        last.segments += u32::from(12 * last.segments * last.segments < last.triangles);
     }
     spheres
 }
