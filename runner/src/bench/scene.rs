@@ -7,7 +7,7 @@ use emboss_kernels::interface::Vertex;
 use emboss_kernels::sampler::{pcg4d, unit_float};
 use glam::{IVec3, UVec4, Vec3};
 use rayon::prelude::*;
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 /// How many spheres there are.
 const SPHERES: u32 = 60;
@@ -77,7 +77,7 @@ fn spheres(count: u32) -> Vec<Sphere> {
         spheres.push(Sphere {
             center: Vec3::new(x, y, z) * ROOM,
             radius: LEAST_RADIUS.powf(size),
-            phase: phase * 2.0 * FRAC_PI_2,
+            phase: phase * PI,
             segments,
             triangles,
         });
