@@ -3,6 +3,7 @@
 //! Results go to standard output, messages and the progress bar to standard error. Exit codes: 0 done, 1 failed,
 //! 2 wrong usage, 130 interrupted (the picture so far is written where there is one).
 
+mod bench;
 mod inputs;
 mod interrupt;
 mod progress;
@@ -10,6 +11,7 @@ mod values;
 
 use crate::backend::select::{BackendChoice, devices, open_backend};
 use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
+use crate::bench::build::BenchError;
 use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
@@ -43,6 +45,11 @@ enum Command {
     Render(Box<RenderArgs>),
     /// List what can render
     Devices,
+    /// Measure how fast this machine is
+    Bench {
+        #[command(subcommand)]
+        bench: bench::Bench,
+    },
 }
 
 /// The first six arguments may be left out from the end; `-` stands for one that is left out before another. What
@@ -177,6 +184,16 @@ enum CliError {
     InterruptedEarly,
     #[error("interrupted; the picture so far was written to {}", .0.display())]
     Interrupted(PathBuf),
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(
+        "no Vulkan device but software ones, which are measured only by --device; `emboss devices` lists them"
+    )]
+    NothingToMeasure,
+    #[error("{}: the results could not be written ({reason}); choose another --json", path.display())]
+    Results { path: PathBuf, reason: std::io::Error },
+    #[error("interrupted; what was measured until then stands above")]
+    BenchInterrupted,
 }
 
 impl CliError {
@@ -189,7 +206,7 @@ impl CliError {
             | CliError::Input(InputError::UnknownBuiltin { .. })
             | CliError::Render(RenderError::Framing(_)) => 2,
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
-            CliError::Interrupted(_) | CliError::InterruptedEarly => 130,
+            CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
             _ => 1,
         }
     }
@@ -251,6 +268,10 @@ impl Command {
                 list_devices();
                 Ok(())
             }
+            Command::Bench { bench } => {
+                start_log(LevelFilter::INFO);
+                bench.run()
+            }
         }
     }
 }
@@ -275,11 +296,16 @@ fn say(line: impl std::fmt::Display) {
 /// One line a device; the number is what `--device` takes.
 fn list_devices() {
     let mut vulkan = 0_u32..;
-    for DeviceInfo { backend, name, kind, details } in devices() {
-        let number = if backend == "vulkan" { vulkan.next() } else { None };
+    for device in devices() {
+        let number = if device.backend == "vulkan" { vulkan.next() } else { None };
         let number = number.map_or_else(String::new, |number| number.to_string());
-        say(format_args!("{backend:<8}{number:<3}{name} ({}, {details})", kind_name(kind)));
+        say(format_args!("{:<8}{number:<3}{}", device.backend, description(&device)));
     }
+}
+
+/// What a user is told of a device.
+fn description(DeviceInfo { name, kind, details, .. }: &DeviceInfo) -> String {
+    format!("{name} ({}, {details})", kind_name(*kind))
 }
 
 fn kind_name(kind: DeviceKind) -> &'static str {
@@ -329,7 +355,7 @@ impl RenderArgs {
         tracing::debug!("rendering on {}", backend.device().name);
         let bar = progress::bar(self.quiet);
         let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
-            bar.set_position(progress::position(share));
+            bar.set_position(progress::position(f64::from(share)));
             if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
         bar.finish_and_clear();
@@ -465,7 +491,7 @@ mod tests {
         let arguments = with_command(arguments.iter().map(OsString::from).collect());
         match Cli::try_parse_from(arguments).expect("valid").command {
             Command::Render(args) => *args,
-            Command::Devices => panic!("not render"),
+            Command::Devices | Command::Bench { .. } => panic!("not render"),
         }
     }
 

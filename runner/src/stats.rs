@@ -5,6 +5,7 @@ use crate::render::{Job, Rendering};
 use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -177,21 +178,30 @@ impl Stats {
 
     /// Finds out whether they could be written, before the work that they are about.
     pub fn check(path: &Path) -> Result<(), StatsError> {
-        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
-        if folder.is_dir() && !path.is_dir() {
-            return Ok(());
-        }
-        let reason = if path.is_dir() { "it is a folder" } else { "its folder does not exist" };
-        Err(StatsError { path: path.to_owned(), reason: std::io::Error::other(reason) })
+        check_file(path).map_err(|reason| StatsError { path: path.to_owned(), reason })
     }
 
     /// Writes them as JSON.
     pub fn write(&self, path: &Path) -> Result<(), StatsError> {
-        let failed = |reason| StatsError { path: path.to_owned(), reason };
-        let mut json = serde_json::to_string_pretty(self).map_err(|e| failed(e.into()))?;
-        json.push('\n');
-        std::fs::write(path, json).map_err(failed)
+        write_json(path, self).map_err(|reason| StatsError { path: path.to_owned(), reason })
     }
+}
+
+/// Finds out whether a file could be written.
+pub(crate) fn check_file(path: &Path) -> io::Result<()> {
+    let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    if folder.is_dir() && !path.is_dir() {
+        return Ok(());
+    }
+    let reason = if path.is_dir() { "it is a folder" } else { "its folder does not exist" };
+    Err(io::Error::other(reason))
+}
+
+/// Writes a file of JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> io::Result<()> {
+    let mut json = serde_json::to_string_pretty(value)?;
+    json.push('\n');
+    std::fs::write(path, json)
 }
 
 /// The statistics could not be written.
@@ -201,7 +211,7 @@ pub struct StatsError {
     /// The file.
     pub path: PathBuf,
     /// What the system said.
-    pub reason: std::io::Error,
+    pub reason: io::Error,
 }
 
 impl Bytes {

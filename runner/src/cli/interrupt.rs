@@ -1,4 +1,4 @@
-//! Ctrl-C: the first asks the rendering to stop and keep the picture so far, the second ends the program.
+//! Ctrl-C: the first asks the work to stop and keep what it has so far, the second ends the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,10 +15,10 @@ impl Interrupt {
             if flag.swap(true, Ordering::Relaxed) {
                 std::process::exit(130);
             }
-            tracing::warn!("stopping after the current tiles; press Ctrl-C again to end at once");
+            tracing::warn!("stopping after what is running; press Ctrl-C again to end at once");
         };
         if let Err(error) = ctrlc::set_handler(handler) {
-            tracing::warn!("Ctrl-C will end the program without a picture: {error}");
+            tracing::warn!("Ctrl-C will end the program without a result: {error}");
         }
         Interrupt(requested)
     }

@@ -19,6 +19,6 @@ pub(super) fn bar(quiet: bool) -> ProgressBar {
 
 /// The bar's position for a share from 0 to 1.
 #[expect(clippy::cast_possible_truncation, reason = "0 to STEPS, saturating")]
-pub(super) fn position(share: f32) -> u64 {
-    (share * STEPS as f32) as u64
+pub(super) fn position(share: f64) -> u64 {
+    (share * STEPS as f64) as u64
 }

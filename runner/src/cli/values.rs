@@ -4,9 +4,10 @@ use super::inputs::{MapArgument, ModelArgument};
 use crate::picture::{PictureFormat, linear_from_srgb};
 use crate::settings::Light;
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use emboss_kernels::interface::MAX_SUBDIVISIONS;
+use emboss_kernels::interface::{MAX_PRIMITIVES, MAX_SUBDIVISIONS};
 use glam::Vec3;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// What stands for an argument that is left out before one that is given.
 const LEFT_OUT: &str = "-";
@@ -90,6 +91,35 @@ pub(super) fn fov(text: &str) -> Result<f32, String> {
 pub(super) fn samples(text: &str) -> Result<u32, String> {
     let count = text.parse().ok().filter(|&count: &u32| count > 0);
     count.ok_or_else(|| format!("a pixel has from 1 to {} samples; try 4", u32::MAX))
+}
+
+/// A number of primitives, also as 1e6.
+pub(super) fn primitives(text: &str) -> Result<u32, String> {
+    let wrong =
+        || format!("`{text}` is no size; write a whole number from 1 to {MAX_PRIMITIVES}, such as 1e6");
+    let number = text.trim().parse::<f64>().map_err(|_| wrong())?;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number in range")]
+    if number.fract() == 0.0 && (1.0..=f64::from(MAX_PRIMITIVES)).contains(&number) {
+        Ok(number as u32)
+    } else {
+        Err(wrong())
+    }
+}
+
+/// A time in seconds, up to an hour.
+pub(super) fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = not_negative(text).ok().filter(|&seconds| seconds <= 3600.0);
+    seconds
+        .map(Duration::from_secs_f32)
+        .ok_or_else(|| format!("`{text}` is no time; write seconds from 0 to 3600, such as 1"))
+}
+
+/// A bandwidth in GB/s.
+pub(super) fn bandwidth(text: &str) -> Result<f32, String> {
+    finite(text)
+        .ok()
+        .filter(|&bandwidth| bandwidth > 0.0)
+        .ok_or_else(|| format!("`{text}` is no bandwidth; write GB/s above 0, such as 50"))
 }
 
 /// `WIDTHxHEIGHT`. Kernels address pixels by a `u32`, and PNG allows 2^31 - 1 pixels a side.
@@ -191,6 +221,24 @@ mod tests {
         for wrong in ["0", "4097", "-1", "8.0"] {
             assert!(subdivisions_or_default(wrong).expect_err(wrong).contains("from 1 to 4096"));
         }
+    }
+
+    #[test]
+    fn primitive_counts() {
+        assert_eq!(
+            (primitives("1e6"), primitives("1000"), primitives("2.5e3")),
+            (Ok(1_000_000), Ok(1000), Ok(2500))
+        );
+        for wrong in ["0", "-1", "1.5", "1e9", "nan", "", "x"] {
+            assert!(primitives(wrong).expect_err(wrong).contains("such as 1e6"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn times_and_bandwidths() {
+        assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+        assert!(seconds("-1").is_err() && seconds("1e9").is_err() && seconds("x").is_err());
+        assert!(bandwidth("4300") == Ok(4300.0) && bandwidth("0").is_err() && bandwidth("inf").is_err());
     }
 
     #[test]

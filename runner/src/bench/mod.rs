@@ -1,0 +1,4 @@
+//! Measurements that the program makes of itself.
+
+pub mod build;
+pub mod scene;
