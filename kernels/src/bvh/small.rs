@@ -157,12 +157,27 @@ fn place_word(set: u32, position: u32) -> u32 {
     PLACES + (set * MOST_SMALL + position) * PLACE_WORDS
 }
 
-/// Whether item `a` is in front of the plane behind item `b`: not beyond it along the axis.
+/// An item's middle along an axis, then its number: what items are ordered by.
 #[inline]
-fn is_in_front(shared: &Shared, axis: u32, a: u32, b: u32) -> bool {
-    let (a, b) = (a * ITEM_WORDS, b * ITEM_WORDS);
-    let (at, plane) = (shared_at(shared, a + MIDDLE + axis), shared_at(shared, b + MIDDLE + axis));
-    at < plane || (at == plane && shared_at(shared, a + NUMBER) <= shared_at(shared, b + NUMBER))
+fn order_along(shared: &Shared, axis: u32, item: u32) -> (u32, u32) {
+    let item = item * ITEM_WORDS;
+    (shared_at(shared, item + MIDDLE + axis), shared_at(shared, item + NUMBER))
+}
+
+/// Whether an item is in front of the plane behind another: not beyond it in their order along an axis.
+#[inline]
+fn is_in_front(item: (u32, u32), plane: (u32, u32)) -> bool {
+    item.0 < plane.0 || (item.0 == plane.0 && item.1 <= plane.1)
+}
+
+/// Adds an item to its side of a plane.
+#[inline]
+fn add(item: Side, in_front: bool, left: &mut Side, right: &mut Side) {
+    if in_front {
+        *left = left.union(item);
+    } else {
+        *right = right.union(item);
+    }
 }
 
 /// Finds the best of the three planes behind a position's item, in its part.
@@ -174,27 +189,39 @@ fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
     let items = shared_at(shared, place + PART_ITEMS);
     let (mut best, mut best_axis) = (Cost::NONE, 0);
     if items > 1 {
+        let (plane_x, plane_y, plane_z) =
+            (order_along(shared, 0, item), order_along(shared, 1, item), order_along(shared, 2, item));
+        let (mut left_x, mut left_y, mut left_z) = (Side::default(), Side::default(), Side::default());
+        let (mut right_x, mut right_y, mut right_z) = (Side::default(), Side::default(), Side::default());
+        let mut other = first;
+        while other < first + items {
+            let other_item = shared_at(shared, place_word(set, other) + ITEM);
+            let side = Side {
+                extent: Extent::shared_load(shared, other_item * ITEM_WORDS),
+                items: 1,
+                weight: shared_at(shared, other_item * ITEM_WORDS + WEIGHT),
+            };
+            let (x, y, z) = (
+                order_along(shared, 0, other_item),
+                order_along(shared, 1, other_item),
+                order_along(shared, 2, other_item),
+            );
+            add(side, is_in_front(x, plane_x), &mut left_x, &mut right_x);
+            add(side, is_in_front(y, plane_y), &mut left_y, &mut right_y);
+            add(side, is_in_front(z, plane_z), &mut left_z, &mut right_z);
+            other += 1;
+        }
         // So that its nodes keep their limit on levels: halving leaves ceil(log2) more.
         let must_halve = level + 1 + rounded_up_log2(items - 1) > LEVEL_LIMIT;
         let mut axis = 0;
         while axis < 3 {
-            let (mut left, mut right) = (Side::default(), Side::default());
-            let mut other = first;
-            while other < first + items {
-                let other_item = shared_at(shared, place_word(set, other) + ITEM);
-                let side = Side {
-                    extent: Extent::shared_load(shared, other_item * ITEM_WORDS),
-                    items: 1,
-                    weight: shared_at(shared, other_item * ITEM_WORDS + WEIGHT),
-                };
-                if is_in_front(shared, axis, other_item, item) {
-                    left = left.union(side);
-                } else {
-                    right = right.union(side);
-                }
-                other += 1;
-            }
-            let mut cost = Cost::of(left, right);
+            let mut cost = if axis == 0 {
+                Cost::of(left_x, right_x)
+            } else if axis == 1 {
+                Cost::of(left_y, right_y)
+            } else {
+                Cost::of(left_z, right_z)
+            };
             if must_halve && cost.larger <= items {
                 cost = Cost { high: 0, low: 0, ..cost };
             }
@@ -249,14 +276,14 @@ fn split_part(
         other += 1;
     }
     let axis = shared_at(shared, BEST + best_position * BEST_WORDS + AXIS);
-    let plane = shared_at(shared, place_word(set, best_position) + ITEM);
+    let plane = order_along(shared, axis, shared_at(shared, place_word(set, best_position) + ITEM));
     // How many are in front of the plane, and of these and of the others how many stand in front of this position.
     let (mut left_items, mut left_before) = (0, 0);
     let mut whole = Extent::default();
     let mut other = first;
     while other < first + items {
         let other_item = shared_at(shared, place_word(set, other) + ITEM);
-        let in_front = is_in_front(shared, axis, other_item, plane) as u32;
+        let in_front = is_in_front(order_along(shared, axis, other_item), plane) as u32;
         left_items += in_front;
         left_before += in_front * (other < position) as u32;
         whole = whole.union(Extent::shared_load(shared, other_item * ITEM_WORDS));
@@ -266,7 +293,7 @@ fn split_part(
     if position == first {
         put_inner(buffers, slot, whole.bounds(), pair);
     }
-    let right = !is_in_front(shared, axis, item, plane) as u32;
+    let right = !is_in_front(order_along(shared, axis, item), plane) as u32;
     let part_first = first + right * left_items;
     let part_items = if right == 0 { left_items } else { items - left_items };
     let before = if right == 0 { left_before } else { position - first - left_before };
