@@ -16,9 +16,9 @@ pub mod binding {
     pub const VERTICES: u32 = 1;
     /// `[Triangle]`; their heights are written by `bound_heights`, the rest reads them.
     pub const TRIANGLES: u32 = 2;
-    /// `[BvhNode]`, read.
+    /// `[BvhNode]`, written by the BVH's build, read by the rest.
     pub const NODES: u32 = 3;
-    /// `[u32]`: triangle indices in the order of the BVH's leaves, read.
+    /// `[u32]`: triangle indices in the order of the BVH's leaves, written by its build, read by the rest.
     pub const PRIMITIVES: u32 = 4;
     /// `[Displacement]`, one for each height map, read.
     pub const DISPLACEMENTS: u32 = 5;
@@ -221,8 +221,9 @@ pub const MAX_SUBDIVISIONS: u32 = 4096;
 /// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry
 /// for each.
 pub const MAX_BVH_DEPTH: u32 = 64;
-/// Largest number of primitives of a BVH: a builder packs a position and a height into a word.
-pub const MAX_PRIMITIVES: u32 = (1 << 26) - 1;
+/// Largest number of primitives of a BVH, a block less than 2^25. So no dispatch over blocks of 1024 of them, or of nodes, has
+/// more than 65,535 workgroups, and a position fits in a word with a height.
+pub const MAX_PRIMITIVES: u32 = (1 << 25) - 1024;
 /// [`Hit::primitive`](crate::hit::Hit) and [`Intersection::primitive`] of a ray that hits nothing.
 pub const MISS: u32 = u32::MAX;
 /// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
@@ -473,7 +474,8 @@ pub struct BuildStep {
     pub count: u32,
     /// Words of a sort key: 1 or 2.
     pub limbs: u32,
-    /// `bvh_choose`, `bvh_move`: the level of the tree's top, from 0. `bvh_emit`: 0, or 1 to do again what came out too deep.
+    /// `bvh_choose`, `bvh_move`: the level of the tree's top, from 0. `bvh_treelets`: 0, or 1 to do again what came
+    /// out too deep.
     pub level: u32,
     /// How many levels the tree's top may have below its root.
     pub level_limit: u32,

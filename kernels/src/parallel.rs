@@ -72,12 +72,6 @@ impl Word {
         self.0.fetch_add(value, Ordering::Relaxed)
     }
 
-    /// Keeps the smaller, atomically.
-    #[inline]
-    pub fn min(&self, value: u32) {
-        self.0.fetch_min(value, Ordering::Relaxed);
-    }
-
     /// Keeps the greater, atomically.
     #[inline]
     pub fn max(&self, value: u32) {
@@ -137,12 +131,6 @@ impl Word {
     pub fn add(&self, value: u32) -> u32 {
         // SAFETY: atomic.
         unsafe { spirv_std::arch::atomic_i_add::<u32, SCOPE, RELAXED>(&mut *self.0.get(), value) }
-    }
-
-    #[inline]
-    pub fn min(&self, value: u32) {
-        // SAFETY: atomic.
-        unsafe { spirv_std::arch::atomic_u_min::<u32, SCOPE, RELAXED>(&mut *self.0.get(), value) };
     }
 
     #[inline]

@@ -349,7 +349,10 @@ impl RenderArgs {
         let build = backend.build_report();
         tracing::debug!("BVH of {} nodes built in {:.1?}", build.nodes, build.duration);
         if build.left_out > 0 {
-            tracing::warn!("{} triangles have no finite box and are left out", build.left_out);
+            tracing::warn!(
+                "{} triangles have no finite box, or one too far away, and are left out",
+                build.left_out
+            );
         }
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);

@@ -90,6 +90,16 @@ pub fn assert_heights_change(backend: &mut dyn Backend) {
         assert!(seen == picture(backend, &second), "scale {scale}, zero {zero}");
         assert!(seen != before);
     }
+    // Little by little the tree keeps its nodes; from flat to as high as can be it does not.
+    backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
+    for scale in [0.101, 0.102] {
+        let second = cube(|relief, _| relief.scale *= scale / 0.1);
+        backend.set_displacements(&second.buffers.displacements).expect("the heights are sound");
+        assert!(backend.build_report().refitted, "scale {scale}");
+        let (boxes, bvh) = (backend.prism_boxes().expect("kept"), backend.bvh().expect("kept"));
+        assert_eq!(bvh.validate(&boxes).err(), None);
+    }
+    backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
     let mut wider = first.buffers.displacements.clone();
     wider[0].map_width += 1;
     for unsound in [&wider[..], &[]] {

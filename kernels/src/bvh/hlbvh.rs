@@ -22,7 +22,7 @@ pub const LAST: u32 = 8;
 pub const SIZE: u32 = 9;
 /// Word of a treelet: 1 where it came out deeper than [`MAX_TREELET_DEPTH`].
 const DEEP: u32 = 10;
-/// Treelets deeper than this are built again by halving, which makes them at most 27 deep: with the top's levels that
+/// Treelets deeper than this are built again by halving, which makes them at most 26 deep: with the top's levels that
 /// keeps [`MAX_BVH_DEPTH`](crate::interface::MAX_BVH_DEPTH).
 pub const MAX_TREELET_DEPTH: u32 = 30;
 /// [`split_level`](crate::bvh::morton::split_level) of a border of a treelet.

@@ -38,8 +38,8 @@ pub fn is_sound(bounds: Aabb) -> bool {
 /// build the same tree.
 #[inline]
 pub fn center(bounds: Aabb) -> Vec3 {
-    // Halving is exact, and so is what a driver makes of it that contracts product and sum.
-    let middle = bounds.min * 0.5 + bounds.max * 0.5;
+    // The sum is within a float's range, and halving it is exact unless the result is denormal.
+    let middle = (bounds.min + bounds.max) * 0.5;
     Vec3::new(normal_or_zero(middle.x), normal_or_zero(middle.y), normal_or_zero(middle.z))
 }
 
@@ -155,6 +155,12 @@ pub fn put_node(words: &[Word], i: u32, node: BvhNode) {
     word(words, i + 7).set(node.count);
 }
 
+/// What the node whose first word is number `i` points to, its `first` and `count`, as an earlier dispatch left it.
+#[inline]
+pub fn node_link(words: &[Word], i: u32) -> (u32, u32) {
+    (word(words, i + 3).get(), word(words, i + 7).get())
+}
+
 /// The node whose first word is number `i`, as an earlier dispatch left it.
 #[inline]
 pub fn load_node(words: &[Word], i: u32) -> BvhNode {
@@ -205,7 +211,7 @@ pub fn union(a: Aabb, b: Aabb) -> Aabb {
     Aabb { min: a.min.min(b.min), max: a.max.max(b.max) }
 }
 
-/// Half of each side of a box: a whole one may be beyond a float's range.
+/// Half of each side of a box.
 #[inline]
 pub fn half_size(bounds: Aabb) -> Vec3 {
     bounds.max * 0.5 - bounds.min * 0.5

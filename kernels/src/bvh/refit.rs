@@ -4,7 +4,7 @@ use crate::aabb::Aabb;
 use crate::bvh::header;
 use crate::bvh::hlbvh::NO_ARRIVAL;
 use crate::bvh::node::{
-    half_size, is_sound, load_bounds, load_box, load_node, node_word, store_bounds, union,
+    half_size, is_sound, load_bounds, load_box, load_node, node_link, node_word, store_bounds, union,
 };
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
@@ -41,11 +41,12 @@ pub fn refit(
     if sound == 0 || slot >= node_count(sound) {
         return;
     }
-    let leaf = load_node(nodes, node_word(slot));
-    if leaf.count == 0 {
+    // Not the whole node: an inner one's box may be written at this moment.
+    let (first, count) = node_link(nodes, node_word(slot));
+    if count == 0 {
         return;
     }
-    let mut bounds = load_box(boxes, word(primitives, leaf.first).get());
+    let mut bounds = load_box(boxes, word(primitives, first).get());
     if !is_sound(bounds) {
         word(state, header::UNSOUND).add(1);
         bounds = Aabb::EMPTY;

@@ -18,7 +18,7 @@ pub const GROUP_SIZE: u32 = MOST_SMALL;
 /// Most treelets of a small task.
 pub const MOST_SMALL: u32 = 64;
 /// Most levels of a small task's nodes: 6 and some for uneven splits.
-const LEVEL_LIMIT: u32 = 12;
+pub const LEVEL_LIMIT: u32 = 12;
 
 /// Words of a small task: the first of its numbers, how many treelets, its slot, and how many of them are in its list.
 const FIRST: u32 = 0;
@@ -222,7 +222,7 @@ fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
             } else {
                 Cost::of(left_z, right_z)
             };
-            if must_halve && cost.larger <= items {
+            if must_halve && cost != Cost::NONE {
                 cost = Cost { high: 0, low: 0, ..cost };
             }
             if cost.is_below(best) {

@@ -12,10 +12,10 @@
 
 use crate::aabb::Aabb;
 use crate::bvh::header;
-use crate::bvh::hlbvh::{LAST, MAX_TREELETS, SIZE, TREELET_WORDS, pair};
+use crate::bvh::hlbvh::{LAST, MAX_TREELET_DEPTH, MAX_TREELETS, SIZE, TREELET_WORDS, pair};
 use crate::bvh::node::{Extent, center, half_size, load_node, node_word, normalized, put_node};
 use crate::bvh::small::{self, MOST_SMALL};
-use crate::interface::{BuildStep, BvhNode};
+use crate::interface::{BuildStep, BvhNode, MAX_BVH_DEPTH};
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
 
@@ -23,9 +23,10 @@ use glam::Vec3;
 /// [`move_treelet`].
 pub const GROUP_SIZE: u32 = 64;
 /// Most levels of tasks.
-pub const MOST_LEVELS: u32 = 23;
-/// The levels that the top may have beyond twice those of a balanced one: room for uneven splits where they pay. (Once
-/// those are needed, where treelets are in no order on a curve and only halving is sure to end.)
+pub const MOST_LEVELS: u32 = level_limit(MAX_TREELETS);
+const _: () = assert!(MOST_LEVELS + small::LEVEL_LIMIT + MAX_TREELET_DEPTH <= MAX_BVH_DEPTH);
+/// The levels that the top may have beyond twice those of a balanced one: room for uneven splits where they pay. Half of all
+/// are kept for halving where treelets are in no order on a curve, since there only halving narrows their numbers.
 const UNEVEN_LEVELS: u32 = 3;
 
 /// From 8 to 32 bins the SAH cost of our scenes differs by less than 2 %.
@@ -78,8 +79,9 @@ const CURVE_PLANE: u32 = CURVE * BINS + 1;
 
 /// How many tasks can live at a level of a tree over `count` primitives.
 #[inline]
-pub fn most_tasks(count: u32) -> u32 {
-    count.min(MAX_TREELETS) / MOST_SMALL + 1
+pub const fn most_tasks(count: u32) -> u32 {
+    let treelets = if count < MAX_TREELETS { count } else { MAX_TREELETS };
+    treelets / MOST_SMALL + 1
 }
 
 /// What no other task at its level has, nor any number above: each owns more than [`MOST_SMALL`] numbers from `first` on.
@@ -89,7 +91,7 @@ fn task_number(first: u32) -> u32 {
 }
 
 /// How many levels of tasks the top of a tree over `count` primitives may have: see [`BuildStep::level_limit`].
-pub fn level_limit(count: u32) -> u32 {
+pub const fn level_limit(count: u32) -> u32 {
     2 * rounded_up_log2(most_tasks(count)) + UNEVEN_LEVELS
 }
 
@@ -352,7 +354,7 @@ fn must_halve(step: &BuildStep, tasks: &[Word], task: u32) -> bool {
 
 /// ceil(log2 n), n at least 1.
 #[inline]
-pub fn rounded_up_log2(n: u32) -> u32 {
+pub const fn rounded_up_log2(n: u32) -> u32 {
     32 - (n - 1).leading_zeros()
 }
 

@@ -10,8 +10,8 @@ use crate::heights;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
-    Displacement, Frame, Intersection, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide, Seams,
-    Triangle, Vertex, color_format, counter, height_format, method,
+    Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide,
+    Seams, Triangle, Vertex, color_format, counter, height_format, method,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -50,6 +50,9 @@ impl SceneBuffers {
     /// Checks every index that kernels follow without looking: a device build reads beyond a buffer without a word.
     /// What a kernel reads on the strength of `frame` and `features` is checked with them.
     pub fn check(&self, frame: &Frame, features: Features) -> Result<(), BackendError> {
+        if self.triangles.len() > MAX_PRIMITIVES as usize {
+            return Err(BackendError::TooManyTriangles { count: self.triangles.len() });
+        }
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
         let map_words = |width: u32, height: u32, words_for: fn(u64) -> u64| {
             words_for(u64::from(width) * u64::from(height))
@@ -226,7 +229,7 @@ pub struct BuildReport {
     pub duration: Duration,
     /// Nodes of the BVH.
     pub nodes: u32,
-    /// Triangles that the BVH leaves out, since their boxes are not finite.
+    /// Triangles that the BVH leaves out, since their boxes are not finite, or all but.
     pub left_out: u32,
     /// Whether the BVH kept its nodes and only got other boxes.
     pub refitted: bool,
@@ -266,6 +269,12 @@ pub enum BackendError {
         device: String,
         /// What a user can do.
         remedy: &'static str,
+    },
+    /// More triangles than a BVH holds.
+    #[error("the model has {count} triangles, more than the {MAX_PRIMITIVES} of a BVH; use a model of fewer")]
+    TooManyTriangles {
+        /// How many.
+        count: usize,
     },
     /// The device stopped answering.
     #[error(
@@ -327,7 +336,8 @@ pub trait Backend {
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
 
     /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed, and
-    /// the range of heights, which has to follow them. Film and counters are cleared; heights, boxes and BVH are built anew.
+    /// the range of heights, which has to follow them. Film and counters are cleared; heights and boxes are computed anew, and
+    /// the BVH gets these boxes or, where it does not suit them, is built anew.
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Adds sample number `sample` to every pixel, tile by tile. Calls `progress` with the share done (0 to 1)

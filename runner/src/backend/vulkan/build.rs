@@ -12,11 +12,19 @@ use crate::bvh::{BuildTimes, Bvh, key_bits};
 use bytemuck::bytes_of;
 use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS, has_single_treelets};
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
-use emboss_kernels::bvh::radix_sort::{count_words, limbs};
+use emboss_kernels::bvh::radix_sort::{self, count_words, limbs};
+use emboss_kernels::bvh::scan::Shared as ScanShared;
 use emboss_kernels::bvh::{header, morton, refit, small, top};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, BuildStep, MAX_PRIMITIVES, MOST_ROW_GROUPS, binding};
 use emboss_kernels::scene::Features;
 use std::sync::Arc;
+
+/// Shared memory that the hungriest kernel of a workgroup needs, in bytes; Vulkan guarantees a little less.
+pub(super) const MOST_SHARED_BYTES: usize = {
+    let sort = size_of::<radix_sort::Counters>() + size_of::<ScanShared>() + size_of::<radix_sort::Staged>();
+    let small = size_of::<small::Shared>();
+    if sort > small { sort } else { small }
+};
 
 const SMALLER_MODEL: &str = "use a model of fewer triangles, or --backend cpu";
 
@@ -239,7 +247,7 @@ impl Builder {
     /// Builds the tree over its boxes. Returns what each phase took.
     ///
     /// # Errors
-    /// [`BackendError::TooLarge`] where there are too many primitives, or no room.
+    /// [`BackendError::TooManyTriangles`], or [`BackendError::TooLarge`] where there is no room.
     pub(super) fn build(
         &self,
         device: &Arc<Device>,
@@ -248,13 +256,7 @@ impl Builder {
     ) -> Result<BuildTimes, BackendError> {
         let count = tree.state.count;
         if count > MAX_PRIMITIVES {
-            return Err(BackendError::TooLarge {
-                name: "the BVH",
-                bytes: u64::from(count) * 64,
-                limit: u64::from(MAX_PRIMITIVES) * 64,
-                device: device.info().name.clone(),
-                remedy: SMALLER_MODEL,
-            });
+            return Err(BackendError::TooManyTriangles { count: count as usize });
         }
         let scratch = Scratch::new(device, count)?;
         self.bind(tree, &scratch);

@@ -282,7 +282,7 @@ impl Recorder<'_> {
     /// Notes the time at which everything recorded so far is done: [`Commands::run_marked`] tells it.
     pub(super) fn mark(&self) {
         let number = self.marks.get() + 1;
-        assert!(number < MOST_STAMPS, "a submission has at most {} marks", MOST_STAMPS - 2);
+        assert!(number + 1 < MOST_STAMPS, "a submission has at most {} marks", MOST_STAMPS - 2);
         self.marks.set(number);
         self.write_timestamp(number, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
     }

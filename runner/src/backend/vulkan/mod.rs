@@ -254,6 +254,7 @@ impl VulkanBackend {
 
     /// Compiles what the scene needs before it is traced, so that its time is not part of the build's.
     fn compile_preparation(&mut self, resident: &Resident) -> Result<(), BackendError> {
+        self.builder()?;
         self.programs.get(&self.device, Kernel::HeightPyramid)?;
         for (kernel, count) in preparation(resident) {
             if count > 0 {

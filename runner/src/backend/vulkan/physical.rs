@@ -1,6 +1,7 @@
 //! The devices of a machine: which of them fit, what they can do, and which one is taken.
 
 use super::Selection;
+use super::build::MOST_SHARED_BYTES;
 use super::instance::{API_VERSION, Instance, version_text};
 use super::pipeline::MOST_BINDINGS;
 use crate::backend::{BackendError, DeviceInfo, DeviceKind};
@@ -138,6 +139,8 @@ fn what_lacks(
         Some("a queue for compute")
     } else if properties.limits.max_per_stage_descriptor_storage_buffers < MOST_BINDINGS {
         Some("enough storage buffers for a kernel")
+    } else if (properties.limits.max_compute_shared_memory_size as usize) < MOST_SHARED_BYTES {
+        Some("enough shared memory for a kernel")
     } else {
         None
     }
