@@ -45,8 +45,8 @@ const PART_SLOT: u32 = 3;
 const PLACE_WORDS: u32 = 4;
 const PLACES: u32 = ITEM_WORDS * MOST_SMALL;
 /// Words of the best plane behind a position's treelet: its cost and its axis.
-const AXIS: u32 = 3;
-const BEST_WORDS: u32 = 4;
+const AXIS: u32 = Cost::WORDS;
+const BEST_WORDS: u32 = AXIS + 1;
 const BEST: u32 = PLACES + 2 * PLACE_WORDS * MOST_SMALL;
 const PENDING: u32 = BEST + BEST_WORDS * MOST_SMALL;
 
@@ -233,9 +233,7 @@ fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
         }
     }
     let entry = BEST + position * BEST_WORDS;
-    shared_put(shared, entry, best.high);
-    shared_put(shared, entry + 1, best.low);
-    shared_put(shared, entry + 2, best.larger);
+    best.shared_store(shared, entry);
     shared_put(shared, entry + AXIS, best_axis);
 }
 
@@ -263,12 +261,7 @@ fn split_part(
     let (mut best, mut best_position) = (Cost::NONE, first);
     let mut other = first;
     while other < first + items {
-        let entry = BEST + other * BEST_WORDS;
-        let cost = Cost {
-            high: shared_at(shared, entry),
-            low: shared_at(shared, entry + 1),
-            larger: shared_at(shared, entry + 2),
-        };
+        let cost = Cost::shared_load(shared, BEST + other * BEST_WORDS);
         if cost.is_below(best) {
             best = cost;
             best_position = other;

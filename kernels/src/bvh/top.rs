@@ -72,7 +72,8 @@ const DONE: u32 = u32::MAX;
 /// side and its number, then both children, summed up like bins.
 pub type Shared = [u32; (TASK_BIN_WORDS + PLANE_WORDS * GROUP_SIZE + 2 * BIN_WORDS) as usize];
 const PLANES: u32 = TASK_BIN_WORDS;
-const PLANE_WORDS: u32 = 4;
+const PLANE_NUMBER: u32 = Cost::WORDS;
+const PLANE_WORDS: u32 = PLANE_NUMBER + 1;
 const CHILDREN: u32 = PLANES + PLANE_WORDS * GROUP_SIZE;
 /// The number of the plane along the curve; those along the axes have that of the bin behind.
 const CURVE_PLANE: u32 = CURVE * BINS + 1;
@@ -227,7 +228,7 @@ pub fn pair_of_split(treelets: &[Word], split: u32) -> u32 {
 #[inline]
 fn put_split(shared: &Shared, buffers: &TopBuffers<'_>, task: u32, pair: u32) {
     let tasks = buffers.tasks;
-    let plane = shared_at(shared, PLANES + 3);
+    let plane = shared_at(shared, PLANES + PLANE_NUMBER);
     let slot = word(tasks, task + TASK_SLOT).get();
     let (left, right) =
         (Extent::shared_load(shared, CHILDREN), Extent::shared_load(shared, CHILDREN + BIN_WORDS));
@@ -343,8 +344,8 @@ fn bin_of(tasks: &[Word], task: u32, axis: u32, middle: Vec3, t: u32) -> u32 {
 /// Whether a task has to be split in the middle of the curve's order, so that the top keeps its limit on levels.
 ///
 /// Let s be how far its treelets' numbers spread, in units of [`MOST_SMALL`] rounded up, and levels(s) = ceil(log2 s). The
-/// invariant is level + levels(s) <= limit; it holds at the root. A task has s >= 2, so that level < limit. Children spread no further than s, so any plane keeps it where level + 1 + levels(s)
-/// is within the limit; halving makes levels one less.
+/// invariant is level + levels(s) <= limit; it holds at the root. A task has s >= 2, so that level < limit. Children spread
+/// no further than s, so any plane keeps it where level + 1 + levels(s) is within the limit; halving makes levels one less.
 #[inline]
 fn must_halve(step: &BuildStep, tasks: &[Word], task: u32) -> bool {
     let least = !word(tasks, task + TASK_NUMBERS).get();
@@ -386,10 +387,8 @@ fn evaluate_plane(shared: &mut Shared, local: u32, must_halve: bool) {
         cost = Cost::of(left, right);
     }
     let entry = PLANES + local * PLANE_WORDS;
-    shared_put(shared, entry, cost.high);
-    shared_put(shared, entry + 1, cost.low);
-    shared_put(shared, entry + 2, cost.larger);
-    shared_put(shared, entry + 3, local);
+    cost.shared_store(shared, entry);
+    shared_put(shared, entry + PLANE_NUMBER, local);
 }
 
 /// What is on one side of a plane.
@@ -415,7 +414,7 @@ impl Side {
     }
 }
 
-/// What a plane costs, to be compared word by word.
+/// What a plane costs.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Cost {
     /// Upper word of the sum over both sides of area times number of primitives.
@@ -427,6 +426,9 @@ pub struct Cost {
 }
 
 impl Cost {
+    /// Words of a cost in shared memory.
+    pub const WORDS: u32 = 3;
+
     /// Of a plane that parts nothing.
     pub const NONE: Cost = Cost { high: u32::MAX, low: u32::MAX, larger: u32::MAX };
 
@@ -442,6 +444,20 @@ impl Cost {
         let low = left_low.wrapping_add(right_low);
         let high = left_high + right_high + (low < left_low) as u32;
         Cost { high, low, larger: left.items.max(right.items) }
+    }
+
+    /// Reads a cost from shared memory.
+    #[inline]
+    pub fn shared_load<const N: usize>(shared: &[u32; N], i: u32) -> Cost {
+        Cost { high: shared_at(shared, i), low: shared_at(shared, i + 1), larger: shared_at(shared, i + 2) }
+    }
+
+    /// Writes it to shared memory.
+    #[inline]
+    pub fn shared_store<const N: usize>(self, shared: &mut [u32; N], i: u32) {
+        shared_put(shared, i, self.high);
+        shared_put(shared, i + 1, self.low);
+        shared_put(shared, i + 2, self.larger);
     }
 
     /// Whether it is cheaper, or as cheap and more even.
@@ -479,34 +495,23 @@ fn wide_product(a: u32, b: u32) -> (u32, u32) {
     (a1 * b1 + (middle >> 16) + (middle_low >> 16), middle_low << 16 | low & 0xFFFF)
 }
 
-/// Keeps the better of two planes in the first one's place: the cheaper, or as cheap and more even (boxes in a line have
-/// no area, so that all their costs are 0), or the first.
+/// Keeps the better of two planes in the first one's place; of equal ones that of the lower number.
 #[inline]
 fn keep_better_plane(shared: &mut Shared, one: u32, other: u32) {
     let (one, other) = (PLANES + one * PLANE_WORDS, PLANES + other * PLANE_WORDS);
-    let mut better = false;
-    let mut i = 0;
-    while i < PLANE_WORDS {
-        let (a, b) = (shared_at(shared, one + i), shared_at(shared, other + i));
-        if a != b {
-            better = b < a;
-            i = PLANE_WORDS;
-        }
-        i += 1;
-    }
-    if better {
-        let mut i = 0;
-        while i < PLANE_WORDS {
-            shared_put(shared, one + i, shared_at(shared, other + i));
-            i += 1;
-        }
+    let (cost, other_cost) = (Cost::shared_load(shared, one), Cost::shared_load(shared, other));
+    let number = shared_at(shared, one + PLANE_NUMBER);
+    let other_number = shared_at(shared, other + PLANE_NUMBER);
+    if other_cost.is_below(cost) || (other_cost == cost && other_number < number) {
+        other_cost.shared_store(shared, one);
+        shared_put(shared, one + PLANE_NUMBER, other_number);
     }
 }
 
 /// Sums up word `local % BIN_WORDS` of the left (`local < BIN_WORDS`) or right child of the best plane.
 #[inline]
 fn sum_child(shared: &mut Shared, local: u32) {
-    let plane = shared_at(shared, PLANES + 3);
+    let plane = shared_at(shared, PLANES + PLANE_NUMBER);
     let (side, i) = (local / BIN_WORDS, local % BIN_WORDS);
     let begin = plane / BINS * BINS;
     let mut sum = 0;

@@ -142,14 +142,22 @@ impl TreeState {
 
     /// How many primitives are in the tree: the others have no sound box.
     pub(super) fn sound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
-        let header: Vec<u32> = transfers.read(commands, &self.header, header::WORDS as usize)?;
-        Ok(header[header::SOUND as usize])
+        self.header_word(commands, transfers, header::SOUND)
     }
 
     /// How many primitives of the tree a refit found without a sound box.
     pub(super) fn unsound(&self, commands: &Commands, transfers: &Transfers) -> Result<u32, BackendError> {
+        self.header_word(commands, transfers, header::UNSOUND)
+    }
+
+    fn header_word(
+        &self,
+        commands: &Commands,
+        transfers: &Transfers,
+        place: u32,
+    ) -> Result<u32, BackendError> {
         let header: Vec<u32> = transfers.read(commands, &self.header, header::WORDS as usize)?;
-        Ok(header[header::UNSOUND as usize])
+        Ok(header[place as usize])
     }
 }
 
@@ -242,6 +250,11 @@ impl Builder {
             refit: pipeline(Kernel::BvhRefit)?,
             costs: pipeline(Kernel::BvhCosts)?,
         })
+    }
+
+    /// What sorts the keys, for other pairs between two builds.
+    pub(super) fn sorter(&self) -> &Sorter {
+        &self.sorter
     }
 
     /// Builds the tree over its boxes. Returns what each phase took.

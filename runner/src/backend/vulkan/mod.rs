@@ -52,7 +52,7 @@ use instance::Instance;
 use pipeline::Kernel;
 use programs::Programs;
 use resident::Resident;
-use sort::{SortBuffers, Sorter};
+use sort::SortBuffers;
 use std::ops::ControlFlow;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -90,7 +90,6 @@ pub struct VulkanBackend {
     resident: Resident,
     programs: Programs,
     /// Made when it is first needed.
-    sorter: Option<Sorter>,
     builder: Option<Rc<Builder>>,
     transfers: Transfers,
     commands: Commands,
@@ -121,7 +120,6 @@ impl VulkanBackend {
         Ok(VulkanBackend {
             resident,
             programs,
-            sorter: None,
             builder: None,
             transfers,
             commands,
@@ -184,7 +182,8 @@ impl VulkanBackend {
         let value_words = self.buffer("the sort's values", 2 * size_of_val(values), cast_slice(values))?;
         let counts = self.buffer("the sort's counts", words(count_words(count)), &[])?;
         let sums = self.buffer("the sort's sums", words(sort::sum_words(count)), &[])?;
-        let sorter = made(&mut self.sorter, &self.device)?;
+        let builder = self.builder()?;
+        let sorter = builder.sorter();
         sorter.bind(SortBuffers { keys: &key_words, values: &value_words, counts: &counts, sums: &sums });
         self.commands.run("sorting", |recorder| sorter.record(recorder, count, bits))?;
         let half = result_half(bits) as usize;
@@ -206,7 +205,8 @@ impl VulkanBackend {
         let count = length(values);
         let scanned = self.buffer("the scan's values", size_of_val(values), cast_slice(values))?;
         let sums = self.buffer("the scan's sums", words(scan::sum_words(count)), &[])?;
-        let scanner = made(&mut self.sorter, &self.device)?.scanner();
+        let builder = self.builder()?;
+        let scanner = builder.sorter().scanner();
         scanner.bind(&scanned, &sums);
         self.commands.run("scanning", |recorder| scanner.record(recorder, count))?;
         self.transfers.read(&self.commands, &scanned, values.len())
@@ -461,14 +461,6 @@ impl Backend for VulkanBackend {
         program.run_batches(&self.commands, count, kernel)?;
         self.transfers.read(&self.commands, &results, words)
     }
-}
-
-/// The sorter, made now if this is the first time that it is needed.
-fn made<'a>(sorter: &'a mut Option<Sorter>, device: &Arc<Device>) -> Result<&'a Sorter, BackendError> {
-    Ok(match sorter {
-        Some(sorter) => sorter,
-        None => sorter.insert(Sorter::new(device)?),
-    })
 }
 
 /// A BVH on the device, by itself: see [`VulkanBackend::bvh_over`].

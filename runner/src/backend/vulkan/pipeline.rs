@@ -14,6 +14,27 @@ use std::sync::Arc;
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
 pub(super) const MOST_BINDINGS: u32 = 15;
 
+/// The bindings of a scene, which kernels that look at it have all of, and more.
+macro_rules! scene_and {
+    [$($more:expr),*] => {
+        &[
+            FRAME,
+            VERTICES,
+            TRIANGLES,
+            NODES,
+            PRIMITIVES,
+            DISPLACEMENTS,
+            HEIGHT_TEXELS,
+            HEIGHT_RANGES,
+            SEAMS,
+            SEAM_SIDES,
+            COLOR_TEXELS,
+            LIGHTS,
+            $($more),*
+        ]
+    };
+}
+
 /// Declares [`Kernel`] from entry points and their names.
 macro_rules! kernels {
     ($($kernel:ident: $entry_point:literal,)*) => {
@@ -109,70 +130,12 @@ impl Kernel {
     fn bindings(self) -> &'static [u32] {
         use binding::*;
         match self {
-            Kernel::Render => &[
-                FRAME,
-                VERTICES,
-                TRIANGLES,
-                NODES,
-                PRIMITIVES,
-                DISPLACEMENTS,
-                HEIGHT_TEXELS,
-                HEIGHT_RANGES,
-                SEAMS,
-                SEAM_SIDES,
-                COLOR_TEXELS,
-                LIGHTS,
-                FILM,
-                COUNTERS,
-            ],
+            Kernel::Render => scene_and![FILM, COUNTERS],
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
-            Kernel::TraceRays => &[
-                FRAME,
-                VERTICES,
-                TRIANGLES,
-                NODES,
-                PRIMITIVES,
-                DISPLACEMENTS,
-                HEIGHT_TEXELS,
-                HEIGHT_RANGES,
-                SEAMS,
-                SEAM_SIDES,
-                COLOR_TEXELS,
-                LIGHTS,
-                RAYS,
-                INTERSECTIONS,
-                COUNTERS,
-            ],
+            Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams => &[
-                FRAME,
-                VERTICES,
-                TRIANGLES,
-                NODES,
-                PRIMITIVES,
-                DISPLACEMENTS,
-                HEIGHT_TEXELS,
-                HEIGHT_RANGES,
-                SEAMS,
-                SEAM_SIDES,
-                COLOR_TEXELS,
-                LIGHTS,
-            ],
-            Kernel::PrismBounds => &[
-                FRAME,
-                VERTICES,
-                TRIANGLES,
-                NODES,
-                PRIMITIVES,
-                DISPLACEMENTS,
-                HEIGHT_TEXELS,
-                HEIGHT_RANGES,
-                SEAMS,
-                SEAM_SIDES,
-                COLOR_TEXELS,
-                LIGHTS,
-                BOXES,
-            ],
+            Kernel::BoundHeights | Kernel::DecideSeams => scene_and![],
+            Kernel::PrismBounds => scene_and![BOXES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
             Kernel::ScanSerially => &[SCAN_VALUES],
             Kernel::SumBlocks | Kernel::ScanBlocks => &[SCAN_VALUES, SCAN_SUMS],
