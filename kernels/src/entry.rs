@@ -370,12 +370,12 @@ pub fn scan_blocks(
 pub fn count_digits(
     #[spirv(workgroup_id)] id: UVec3,
     #[spirv(local_invocation_index)] local: u32,
-    #[spirv(workgroup)] counters: &mut radix_sort::Counters,
+    #[spirv(workgroup)] histogram: &mut radix_sort::Histogram,
     #[spirv(push_constant)] pass: &SortPass,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 19)] keys: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 21)] counts: &[Word],
 ) {
-    radix_sort::count_digits(Workgroup::of_invocation(id.x, local), counters, pass, keys, counts);
+    radix_sort::count_digits(Workgroup::of_invocation(id.x, local), histogram, pass, keys, counts);
 }
 
 /// Last dispatch of a pass of a sort: takes each pair to its place.
@@ -385,14 +385,14 @@ pub fn scatter_pairs(
     #[spirv(local_invocation_index)] local: u32,
     #[spirv(workgroup)] counters: &mut radix_sort::Counters,
     #[spirv(workgroup)] sums: &mut scan::Shared,
-    #[spirv(workgroup)] staged: &mut radix_sort::Staged,
+    #[spirv(workgroup)] entries: &mut radix_sort::Entries,
     #[spirv(push_constant)] pass: &SortPass,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 19)] keys: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 20)] values: &[Word],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 21)] counts: &[Word],
 ) {
     let group = Workgroup::of_invocation(id.x, local);
-    radix_sort::scatter_pairs(group, counters, sums, staged, pass, Pairs { keys, values }, counts);
+    radix_sort::scatter_pairs(group, counters, sums, entries, pass, Pairs { keys, values }, counts);
 }
 
 /// Adds an invocation's counts to the totals: cap hits always, the rest where counting is compiled in. Then a

@@ -215,7 +215,7 @@ pub const TILE_GROUP_SIZE: u32 = 8;
 pub const BATCH_GROUP_SIZE: u32 = 64;
 /// Most workgroups of a row of a dispatch over many items; what is left goes to further rows. Every Vulkan device takes
 /// 65,535 along an axis.
-pub const MOST_ROW_GROUPS: u32 = 1 << 15;
+pub const MOST_ROW_GROUPS: u32 = 1 << 13;
 /// Largest number of subdivisions N of a triangle's side.
 pub const MAX_SUBDIVISIONS: u32 = 4096;
 /// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry
@@ -489,7 +489,7 @@ pub struct SortPass {
     pub count: u32,
     /// Words of a key, 1 or 2.
     pub limbs: u32,
-    /// Lowest bit of the digit to sort by: a multiple of 4 below 32 `limbs`.
+    /// Lowest bit of the digit to sort by: a multiple of 8 below 32 `limbs`.
     pub shift: u32,
     /// In which half of the buffers the pairs stand, 0 or 1; they go to the other one.
     pub from: u32,

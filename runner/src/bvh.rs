@@ -6,6 +6,7 @@
 mod binned;
 mod boxes;
 mod hlbvh;
+pub mod scan;
 pub mod sort;
 mod validate;
 

@@ -187,7 +187,7 @@ enum CliError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(
-        "no Vulkan device but software ones, which are measured only by --device; `emboss devices` lists them"
+        "no Vulkan device to measure; `emboss devices` lists what there is, --backend cpu measures the processor"
     )]
     NothingToMeasure,
     #[error("{}: the results could not be written ({reason}); choose another --json", path.display())]

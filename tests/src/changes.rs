@@ -1,8 +1,9 @@
 //! What a backend makes of changes to a loaded scene: the same as of the changed scene, loaded. For each backend.
 
 use crate::compare::rendered;
-use crate::scenes::{builtin_scene, job};
+use crate::scenes::{builtin_scene, checkered_sheet, job};
 use emboss::backend::{Backend, BackendError};
+use emboss::bvh::Bvh;
 use emboss::framing::View;
 use emboss::picture::Picture;
 use emboss::render::{Job, render};
@@ -108,6 +109,28 @@ pub fn assert_heights_change(backend: &mut dyn Backend) {
     }
     backend.set_displacements(&first.buffers.displacements).expect("the heights are sound");
     assert!(picture(backend, &first) == before);
+}
+
+/// From flat to as high as the sheet is wide: a tree over two layers, instead of one whose every node spans them.
+///
+/// # Panics
+/// Where the tree is not the one that is built over the new boxes.
+pub fn assert_costly_trees_are_built_anew(backend: &mut dyn Backend) {
+    let sheet = |scale: f32| {
+        let mut scene = checkered_sheet();
+        scene.reliefs[0].scale = scale;
+        job(scene, &Settings { width: 8, height: 8, ..Settings::default() })
+    };
+    let (flat, steep) = (sheet(1e-3), sheet(100.0));
+    backend.load(&flat.buffers, &flat.frame, flat.features).expect("the sheet fits");
+    let before = backend.bvh().expect("kept");
+    backend.set_displacements(&steep.buffers.displacements).expect("the heights are sound");
+    assert!(!backend.build_report().refitted, "the tree over the flat sheet costs three times as much");
+    let built = backend.bvh().expect("kept");
+    backend.load(&steep.buffers, &steep.frame, steep.features).expect("the sheet fits");
+    assert!(built == backend.bvh().expect("kept"));
+    let links = |tree: &Bvh| tree.nodes.iter().map(|node| (node.first, node.count)).collect::<Vec<_>>();
+    assert_ne!(links(&built), links(&before), "the control: heights alone make no other tree");
 }
 
 /// A triangle with a corner that is no number is left out, and reported; the others are where they were.

@@ -141,6 +141,38 @@ pub fn tiles() -> Scene {
     }
 }
 
+/// A level sheet of 16 x 16 squares of their own under a map of two texels: squares lie on the one or the other by turns, so
+/// that a scale lifts them into two layers.
+pub fn checkered_sheet() -> Scene {
+    const SIDE: u16 = 16;
+    let corner = |i: u16, j: u16, x: u16, y: u16| Vertex {
+        position: Vec3::new(f32::from(i + x), f32::from(j + y), 0.0),
+        normal: Vec3::Z,
+        // The middle of a texel.
+        u: 0.25 + 0.5 * f32::from((i + j) % 2),
+        v: 0.5,
+    };
+    let squares = (0..SIDE).flat_map(|j| (0..SIDE).map(move |i| (i, j)));
+    let vertices: Vec<Vertex> = squares
+        .flat_map(|(i, j)| [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(x, y)| corner(i, j, x, y)))
+        .collect();
+    let triangles: Vec<[u32; 3]> = (0..u32::from(SIDE * SIDE))
+        .flat_map(|square| [[0, 1, 2], [0, 2, 3]].map(|corners| corners.map(|corner| 4 * square + corner)))
+        .collect();
+    let texels = [0.0_f32, 1.0].map(f32::to_bits).to_vec();
+    let format = height_format::FLOAT32;
+    Scene {
+        mesh: Mesh::from_triangles(&vertices, &triangles),
+        reliefs: vec![Relief {
+            map: HeightMap { width: 2, height: 1, format, texels, range: (0.0, 1.0), replaced: 0 },
+            zero: 0.5,
+            scale: 0.1,
+        }],
+        color_map: None,
+        subdivisions: 1,
+    }
+}
+
 /// A closed mesh of eight triangles, an octahedron with its vertices, normals (leaning by up to `spread`, as a
 /// tangent) and texture coordinates at random, somewhere within 100 units of the origin and of a size between 1/8
 /// and 8; half of them are inside out. The map has up to 8 x 8 random texels in the given format.

@@ -15,7 +15,6 @@ use emboss_kernels::interface::{BuildStep, BvhNode};
 use emboss_kernels::parallel::{Word, Workgroup};
 use emboss_kernels::render::sample_pixel;
 use emboss_kernels::scene::SceneView;
-use emboss_tests::long;
 use emboss_tests::scenes::{self, ReadyJob};
 use rayon::prelude::*;
 
@@ -128,11 +127,10 @@ fn quilt() {
     check_builtin("builtin:quilt");
 }
 
-/// The scene of `emboss bench build`, its base triangles traced by themselves: 10^5 of them, in the long mode and
-/// without debug assertions 10^6.
+/// The scene of `emboss bench build`, its base triangles traced by themselves.
 #[test]
 fn spheres() {
-    let count = if long::is_long() || !cfg!(debug_assertions) { 1_000_000 } else { 100_000 };
+    let count = 1_000_000;
     let flat = Relief { map: HeightMap::flat(0.0), zero: 0.0, scale: 0.0 };
     let scene = Scene { mesh: scene::mesh(count), reliefs: vec![flat], color_map: None, subdivisions: 1 };
     let settings = Settings {

@@ -14,6 +14,11 @@ fn heights_change_with_their_boxes() {
 }
 
 #[test]
+fn costly_trees_are_built_anew() {
+    changes::assert_costly_trees_are_built_anew(&mut CpuBackend::new());
+}
+
+#[test]
 fn what_is_not_finite_is_left_out() {
     changes::assert_what_is_not_finite_is_left_out(&mut CpuBackend::new());
 }

@@ -401,6 +401,7 @@ fn entry_points_have_the_workgroups_of_the_interface() {
     let block = [GROUP_SIZE, 1, 1];
     let morton = [morton::GROUP_SIZE, 1, 1];
     let top = [top::GROUP_SIZE, 1, 1];
+    let moves = [top::MOVE_GROUP_SIZE, 1, 1];
     let refit = [refit::GROUP_SIZE, 1, 1];
     let expected = [
         ("bound_heights", batch),
@@ -410,11 +411,11 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         ("bvh_costs", refit),
         ("bvh_flags", batch),
         ("bvh_levels", morton),
-        ("bvh_move", top),
+        ("bvh_move", moves),
         ("bvh_refit", batch),
         ("bvh_singles", batch),
         ("bvh_small", [small::GROUP_SIZE, 1, 1]),
-        ("bvh_start", top),
+        ("bvh_start", moves),
         ("bvh_threshold", [1, 1, 1]),
         ("bvh_treelets", batch),
         ("count_digits", block),

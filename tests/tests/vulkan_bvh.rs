@@ -2,6 +2,7 @@
 
 use emboss::bvh::Hlbvh;
 use emboss_tests::boxes::{cases, scattered};
+use emboss_tests::long::{Cases, is_long, on_device};
 use emboss_tests::{finish, lavapipe};
 
 #[test]
@@ -24,15 +25,28 @@ fn trees_are_those_of_the_processor_node_for_node() {
     finish(backend);
 }
 
+/// Of 10^6 boxes, which take several rows of workgroups; in the long mode also of as many as have keys of two words, and of
+/// millions, on the device that it names.
 #[test]
-fn a_million_boxes_give_the_same_tree() {
-    let mut backend = lavapipe();
-    let boxes = scattered(1_000_000, 1.0);
-    let mut bvh = backend.bvh_over(&boxes).expect("room");
-    bvh.build().expect("built");
-    assert!(bvh.read().expect("read") == Hlbvh::build(&boxes).tree());
-    drop(bvh);
-    finish(backend);
+fn large_trees_are_those_of_the_processor_before_and_after_a_refit() {
+    let counts: &[u32] =
+        if is_long() { &[1_000_000, (1 << 20) + 1, 4_000_000, 10_000_000] } else { &[1_000_000] };
+    on_device(|backend| {
+        let mut cases = Cases::new();
+        for &count in counts {
+            cases.run(format_args!("{count} boxes"), || {
+                let (before, after) = (scattered(count, 1.0), scattered(count, 3.0));
+                let mut bvh = backend.bvh_over(&before).expect("room");
+                bvh.build().expect("built");
+                let mut host = Hlbvh::build(&before);
+                assert!(bvh.read().expect("read") == host.tree(), "{count}");
+                bvh.refit(&after).expect("refitted");
+                assert!(host.refit(&after));
+                assert!(bvh.read().expect("read") == host.tree(), "{count}, refitted");
+                "the same tree"
+            });
+        }
+    });
 }
 
 #[test]

@@ -106,6 +106,13 @@ fn heights_change_with_their_boxes() {
 }
 
 #[test]
+fn costly_trees_are_built_anew() {
+    let mut backend = lavapipe();
+    changes::assert_costly_trees_are_built_anew(&mut backend);
+    finish(backend);
+}
+
+#[test]
 fn what_is_not_finite_is_left_out() {
     let mut backend = lavapipe();
     changes::assert_what_is_not_finite_is_left_out(&mut backend);

@@ -1,33 +1,43 @@
-//! Stable sort of pairs of a key and a value by key: least significant digit first, four bits a pass.
+//! Stable sort of pairs of a key and a value by key: least significant digit first, eight bits a pass.
 //!
 //! A pass is that of Satish, Harris and Garland ("Designing Efficient Sorting Algorithms for Manycore GPUs", 2009):
 //! [`count_digits`] counts each block's digits, a [`scan`] of the counts, digit by digit and within a digit block by
 //! block, says where each block's pairs of each digit go, and [`scatter_pairs`] takes them there. It sorts a
-//! block in shared memory first, so that neighbours in a workgroup write neighbours in memory.
+//! block in shared memory first, by half a digit at a time, so that neighbours in a workgroup write neighbours in memory.
 //!
 //! Keys and values stand in two halves of their buffers, between which the passes go back and forth. A key of more than
 //! 32 bits has two *limbs*, the lower first, each in an array of its own: limb l of half h begins at word
 //! `(h * limbs + l) * count`. The values of half h begin at word `h * count`.
 
-use super::scan::{self, BLOCK, GROUP_SIZE, ITEMS, blocks, first_item, scan_shared};
+use super::scan::{self, BLOCK, GROUP_SIZE, ITEMS, blocks, scan_shared};
 use crate::interface::SortPass;
-use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
+use crate::parallel::{Word, Workgroup, phase, shared_add, shared_at, shared_put, word};
 
-/// Bits of a digit.
-const DIGIT_BITS: u32 = 4;
+/// Bits of a digit. A pass of eight takes about as long as one of four: what it waits for is memory and barriers between
+/// dispatches.
+const DIGIT_BITS: u32 = 8;
 /// How many values a digit has.
 const DIGITS: u32 = 1 << DIGIT_BITS;
-/// Most limbs of a key.
-const MOST_LIMBS: u32 = 2;
+/// Bits of half a digit.
+const NIBBLE_BITS: u32 = DIGIT_BITS / 2;
+/// How many values half a digit has.
+const NIBBLES: u32 = 1 << NIBBLE_BITS;
 
-/// Rows of counters: each word holds two, of the digits `row` and `row + ROWS`. A block has at most 1024 pairs, so
+/// Rows of counters: each word holds two, of the nibbles `row` and `row + ROWS`. A block has 1024 pairs, so
 /// that no count and no sum of counts of a block leaves its 16 bits.
-const ROWS: u32 = DIGITS / 2;
+const ROWS: u32 = NIBBLES / 2;
 
-/// Shared memory of a workgroup: eight rows of one word for each invocation, two counters in each word.
+/// Shared memory of [`count_digits`]: how often each digit occurs.
+pub type Histogram = [u32; DIGITS as usize];
+/// Shared memory of [`scatter_pairs`]: eight rows of one word for each invocation, two counters in each word; then, for
+/// each digit, where its pairs begin in the sorted block.
 pub type Counters = [u32; (ROWS * GROUP_SIZE) as usize];
-/// Shared memory of a workgroup: the limbs of a block's keys, then its values.
-pub type Staged = [u32; ((MOST_LIMBS + 1) * BLOCK) as usize];
+const _: () = assert!(DIGITS <= ROWS * GROUP_SIZE);
+/// Shared memory of [`scatter_pairs`]: a block's entries in two orders, between which sorting by nibbles goes back and forth.
+/// An entry is the number of a pair in the block and, above [`PLACE_BITS`], its digit.
+pub type Entries = [u32; 2 * BLOCK as usize];
+const PLACE_BITS: u32 = BLOCK.trailing_zeros();
+const _: () = assert!(BLOCK.is_power_of_two());
 
 /// The buffers that a sort works in.
 #[derive(Clone, Copy)]
@@ -69,23 +79,33 @@ pub fn count_words(count: u32) -> u32 {
 #[inline]
 pub fn count_digits(
     group: Workgroup<GROUP_SIZE>,
-    counters: &mut Counters,
+    histogram: &mut Histogram,
     pass: &SortPass,
     keys: &[Word],
     counts: &[Word],
 ) {
-    count_items(group, counters, pass, keys);
-    // Each row's sum in two steps: of every `parts`th word, by `parts` invocations, then of what these found.
-    let parts = GROUP_SIZE / ROWS;
     phase!(group, |local| {
-        let first = local / parts * GROUP_SIZE + local % parts;
-        let sum = sum_words(counters, first, parts, ROWS);
-        shared_put(counters, first, sum);
+        let mut digit = local;
+        while digit < DIGITS {
+            shared_put(histogram, digit, 0);
+            digit += GROUP_SIZE;
+        }
     });
     phase!(group, |local| {
-        if local < DIGITS {
-            let sum = sum_words(counters, row(local) * GROUP_SIZE, 1, parts);
-            word(counts, local * blocks(pass.count) + group.id).set(half_of(sum, local));
+        let mut i = 0;
+        while i < ITEMS {
+            let from = group.id * BLOCK + i * GROUP_SIZE + local;
+            if from < pass.count {
+                shared_add(histogram, digit_at(pass, keys, from), 1);
+            }
+            i += 1;
+        }
+    });
+    phase!(group, |local| {
+        let mut digit = local;
+        while digit < DIGITS {
+            word(counts, digit * blocks(pass.count) + group.id).set(shared_at(histogram, digit));
+            digit += GROUP_SIZE;
         }
     });
 }
@@ -97,29 +117,44 @@ pub fn scatter_pairs(
     group: Workgroup<GROUP_SIZE>,
     counters: &mut Counters,
     sums: &mut scan::Shared,
-    staged: &mut Staged,
+    entries: &mut Entries,
     pass: &SortPass,
     pairs: Pairs<'_>,
     counts: &[Word],
 ) {
-    count_items(group, counters, pass, pairs.keys);
-    scan_counters(group, counters, sums);
-    let first_value = pass.limbs * BLOCK;
     phase!(group, |local| {
-        let first = first_item(group, local);
         let mut i = 0;
         while i < ITEMS {
-            let from = first + i;
-            if from < pass.count {
-                let rank = count_one(counters, digit_at(pass, pairs.keys, from), local);
-                let mut limb = 0;
-                while limb < pass.limbs {
-                    let key = word(pairs.keys, key_index(pass, pass.from, limb, from)).get();
-                    shared_put(staged, limb * BLOCK + rank, key);
-                    limb += 1;
-                }
-                let value = word(pairs.values, pass.from * pass.count + from).get();
-                shared_put(staged, first_value + rank, value);
+            let place = i * GROUP_SIZE + local;
+            let from = group.id * BLOCK + place;
+            // Behind the last pair are entries of the greatest digit, which stay behind it.
+            let digit = if from < pass.count { digit_at(pass, pairs.keys, from) } else { DIGITS - 1 };
+            shared_put(entries, place, digit << PLACE_BITS | place);
+            i += 1;
+        }
+    });
+    let mut nibble = 0;
+    while nibble < 2 {
+        count_nibbles(group, counters, entries, nibble);
+        scan_counters(group, counters, sums);
+        phase!(group, |local| {
+            let mut i = local * ITEMS;
+            while i < (local + 1) * ITEMS {
+                let entry = shared_at(entries, nibble * BLOCK + i);
+                let rank = count_one(counters, nibble_of(entry, nibble), local);
+                shared_put(entries, (1 - nibble) * BLOCK + rank, entry);
+                i += 1;
+            }
+        });
+        nibble += 1;
+    }
+    phase!(group, |local| {
+        let mut i = 0;
+        while i < ITEMS {
+            let rank = i * GROUP_SIZE + local;
+            let digit = shared_at(entries, rank) >> PLACE_BITS;
+            if rank == 0 || shared_at(entries, rank - 1) >> PLACE_BITS != digit {
+                shared_put(counters, digit, rank);
             }
             i += 1;
         }
@@ -130,16 +165,18 @@ pub fn scatter_pairs(
         while i < ITEMS {
             let rank = i * GROUP_SIZE + local;
             if group.id * BLOCK + rank < pass.count {
-                let digit = digit_of(pass, shared_at(staged, pass.shift / 32 * BLOCK + rank));
+                let entry = shared_at(entries, rank);
+                let digit = entry >> PLACE_BITS;
+                let from = group.id * BLOCK + entry % BLOCK;
                 let first = word(counts, digit * blocks(pass.count) + group.id).get();
-                let to = first + rank - end_of_lower(counters, digit);
+                let to = first + rank - shared_at(counters, digit);
                 let mut limb = 0;
                 while limb < pass.limbs {
-                    let key = shared_at(staged, limb * BLOCK + rank);
+                    let key = word(pairs.keys, key_index(pass, pass.from, limb, from)).get();
                     word(pairs.keys, key_index(pass, half, limb, to)).set(key);
                     limb += 1;
                 }
-                let value = shared_at(staged, first_value + rank);
+                let value = word(pairs.values, pass.from * pass.count + from).get();
                 word(pairs.values, half * pass.count + to).set(value);
             }
             i += 1;
@@ -147,36 +184,39 @@ pub fn scatter_pairs(
     });
 }
 
-/// The counters of each invocation's own items.
+/// The counters of each invocation's own entries, [`ITEMS`] consecutive ones of order number `nibble`.
 #[inline]
-fn count_items(group: Workgroup<GROUP_SIZE>, counters: &mut Counters, pass: &SortPass, keys: &[Word]) {
+fn count_nibbles(group: Workgroup<GROUP_SIZE>, counters: &mut Counters, entries: &Entries, nibble: u32) {
     phase!(group, |local| {
         let mut i = 0;
         while i < ROWS {
             shared_put(counters, i * GROUP_SIZE + local, 0);
             i += 1;
         }
-        let first = first_item(group, local);
-        let mut i = 0;
-        while i < ITEMS {
-            if first + i < pass.count {
-                count_one(counters, digit_at(pass, keys, first + i), local);
-            }
+        let mut i = local * ITEMS;
+        while i < (local + 1) * ITEMS {
+            count_one(counters, nibble_of(shared_at(entries, nibble * BLOCK + i), nibble), local);
             i += 1;
         }
     });
 }
 
-/// Turns each counter into the sum of those in front of it, in the order of digits and within a digit of invocations.
+/// Turns each counter into the sum of those in front of it, in the order of nibbles and within a nibble of invocations.
 #[inline]
 fn scan_counters(group: Workgroup<GROUP_SIZE>, counters: &mut Counters, sums: &mut scan::Shared) {
     // As many consecutive words an invocation as there are rows.
     phase!(group, |local| {
-        shared_put(sums, local, sum_words(counters, local * ROWS, 1, ROWS));
+        let mut sum = 0;
+        let mut i = local * ROWS;
+        while i < (local + 1) * ROWS {
+            sum += shared_at(counters, i);
+            i += 1;
+        }
+        shared_put(sums, local, sum);
     });
     let end = scan_shared(group, sums);
     phase!(group, |local| {
-        // All digits in the lower halves stand in front of all in the upper ones.
+        // All nibbles in the lower halves stand in front of all in the upper ones.
         let mut sum = shared_at(sums, end + GROUP_SIZE - 1) << 16;
         if local > 0 {
             sum += shared_at(sums, end + local - 1);
@@ -191,59 +231,26 @@ fn scan_counters(group: Workgroup<GROUP_SIZE>, counters: &mut Counters, sums: &m
     });
 }
 
-/// Adds 1 to an invocation's counter of a digit; returns what was there.
+/// Adds 1 to an invocation's counter of a nibble; returns what was there.
 #[inline]
-fn count_one(counters: &mut Counters, digit: u32, local: u32) -> u32 {
-    let i = row(digit) * GROUP_SIZE + local;
+fn count_one(counters: &mut Counters, nibble: u32, local: u32) -> u32 {
+    let i = nibble % ROWS * GROUP_SIZE + local;
+    let shift = nibble / ROWS * 16;
     let old = shared_at(counters, i);
-    shared_put(counters, i, old + (1 << (digit / ROWS * 16)));
-    half_of(old, digit)
+    shared_put(counters, i, old + (1 << shift));
+    old >> shift & 0xffff
 }
 
-/// Where a block's pairs of the digits below `digit` end in its sorted order, once all its pairs have taken their ranks
-/// from the scanned counters: what the last invocation's counter has grown to.
+/// The lower (0) or upper (1) half of an entry's digit.
 #[inline]
-fn end_of_lower(counters: &Counters, digit: u32) -> u32 {
-    if digit == 0 {
-        return 0;
-    }
-    let lower = digit - 1;
-    half_of(shared_at(counters, row(lower) * GROUP_SIZE + GROUP_SIZE - 1), lower)
-}
-
-/// The row of a digit's counters.
-#[inline]
-fn row(digit: u32) -> u32 {
-    digit % ROWS
-}
-
-/// A digit's half of a word of counters.
-#[inline]
-fn half_of(counters: u32, digit: u32) -> u32 {
-    (counters >> (digit / ROWS * 16)) & 0xffff
-}
-
-/// Sum of `count` words, each `step` from the one before.
-#[inline]
-fn sum_words(counters: &Counters, first: u32, step: u32, count: u32) -> u32 {
-    let mut sum = 0;
-    let mut i = 0;
-    while i < count {
-        sum += shared_at(counters, first + i * step);
-        i += 1;
-    }
-    sum
+fn nibble_of(entry: u32, nibble: u32) -> u32 {
+    entry >> (PLACE_BITS + nibble * NIBBLE_BITS) & (NIBBLES - 1)
 }
 
 /// The digit that a pass sorts by, of pair `i`.
 #[inline]
 fn digit_at(pass: &SortPass, keys: &[Word], i: u32) -> u32 {
-    digit_of(pass, word(keys, key_index(pass, pass.from, pass.shift / 32, i)).get())
-}
-
-/// The digit that a pass sorts by, of the limb that has it.
-#[inline]
-fn digit_of(pass: &SortPass, limb: u32) -> u32 {
+    let limb = word(keys, key_index(pass, pass.from, pass.shift / 32, i)).get();
     (limb >> (pass.shift % 32)) % DIGITS
 }
 
@@ -273,19 +280,20 @@ mod tests {
         let value_words: Vec<Word> =
             values.iter().map(|&value| Word::new(value)).chain(rubbish(count)).collect();
         let counts: Vec<Word> = rubbish(count_words(count)).collect();
-        let mut counters = [RUBBISH; (ROWS * GROUP_SIZE) as usize];
-        let mut sums = [RUBBISH; 2 * GROUP_SIZE as usize];
-        let mut staged = [RUBBISH; (3 * BLOCK) as usize];
+        let mut histogram: Histogram = [RUBBISH; _];
+        let mut counters: Counters = [RUBBISH; _];
+        let mut sums: scan::Shared = [RUBBISH; _];
+        let mut entries: Entries = [RUBBISH; _];
         let pairs = Pairs { keys: &key_words, values: &value_words };
         for index in 0..passes(bits) {
             let pass = pass(count, bits, index);
             for id in (0..blocks(count)).rev() {
-                count_digits(Workgroup::new(id), &mut counters, &pass, pairs.keys, &counts);
+                count_digits(Workgroup::new(id), &mut histogram, &pass, pairs.keys, &counts);
             }
             scan::scan_serially(Workgroup::new(0), &mut sums, &counts, count_words(count));
             for id in (0..blocks(count)).rev() {
                 let group = Workgroup::new(id);
-                scatter_pairs(group, &mut counters, &mut sums, &mut staged, &pass, pairs, &counts);
+                scatter_pairs(group, &mut counters, &mut sums, &mut entries, &pass, pairs, &counts);
             }
         }
         let half = result_half(bits);
@@ -340,7 +348,7 @@ mod tests {
     fn pairs_are_sorted_and_equal_keys_keep_their_order() {
         // Around every boundary: of an invocation's items, of a round of a workgroup, of a block.
         for count in [0, 1, 2, 7, 8, 9, 127, 128, 129, 1023, 1024, 1025, 2047, 2048, 2049] {
-            for bits in [1, 4, 5, 30, 32, 33, 63, 64] {
+            for bits in [1, 4, 8, 9, 30, 32, 33, 63, 64] {
                 check(count, bits);
             }
         }
@@ -348,8 +356,8 @@ mod tests {
 
     #[test]
     fn sorts_where_the_counts_take_several_blocks() {
-        // 64 blocks have as many counters as a scan has elements in a block.
-        for count in [64 * BLOCK, 64 * BLOCK + 1, 129 * BLOCK - 1] {
+        // 4 blocks have as many counters as a scan has elements in a block.
+        for count in [4 * BLOCK, 4 * BLOCK + 1, 9 * BLOCK - 1, 129 * BLOCK - 1] {
             for bits in [30, 63] {
                 check(count, bits);
             }

@@ -13,12 +13,13 @@ use crate::bvh::top::{
 use crate::interface::BuildStep;
 use crate::parallel::{Word, Workgroup, phase, shared_add, shared_at, shared_put, word};
 
-/// Invocations of a workgroup: one for each treelet.
-pub const GROUP_SIZE: u32 = MOST_SMALL;
-/// Most treelets of a small task.
-pub const MOST_SMALL: u32 = 64;
-/// Most levels of a small task's nodes: 6 and some for uneven splits.
-pub const LEVEL_LIMIT: u32 = 12;
+/// Invocations of a workgroup: one for each treelet and axis.
+pub const GROUP_SIZE: u32 = 3 * MOST_SMALL;
+/// Most treelets of a small task. What a sweep costs grows with the square: of twice as many it takes longer than binning
+/// them once more.
+pub const MOST_SMALL: u32 = 32;
+/// Most levels of a small task's nodes: 5 and some for uneven splits.
+pub const LEVEL_LIMIT: u32 = 10;
 
 /// Words of a small task: the first of its numbers, how many treelets, its slot, and how many of them are in its list.
 const FIRST: u32 = 0;
@@ -28,9 +29,9 @@ const LISTED: u32 = 3;
 /// How many words.
 pub const SMALL_TASK_WORDS: u32 = 4;
 
-/// Shared memory: for each treelet `ITEM_WORDS`, for each position `PLACE_WORDS`, twice, and `BEST_WORDS`; then a word
-/// for each level, of how many positions are still to be split.
-pub type Shared = [u32; (PENDING + LEVEL_LIMIT) as usize];
+/// Shared memory: for each treelet `ITEM_WORDS`, for each position `PLACE_WORDS`, twice, and `BEST_WORDS`, thrice; then a word
+/// for each level, of how many positions are still to be split; then for each split the pair of siblings that it lends.
+pub type Shared = [u32; (PAIRS + MOST_SMALL) as usize];
 /// Words of a treelet: its extent, its middle as ordered words, how many primitives, its number.
 const MIDDLE: u32 = Extent::WORDS;
 const WEIGHT: u32 = MIDDLE + 3;
@@ -44,11 +45,13 @@ const PART_ITEMS: u32 = 2;
 const PART_SLOT: u32 = 3;
 const PLACE_WORDS: u32 = 4;
 const PLACES: u32 = ITEM_WORDS * MOST_SMALL;
-/// Words of the best plane behind a position's treelet: its cost and its axis.
+/// Words of a plane behind a position's treelet: its cost and its axis. First those along x of all positions, then y, then z;
+/// then the best of each position in place of that along x.
 const AXIS: u32 = Cost::WORDS;
 const BEST_WORDS: u32 = AXIS + 1;
 const BEST: u32 = PLACES + 2 * PLACE_WORDS * MOST_SMALL;
-const PENDING: u32 = BEST + BEST_WORDS * MOST_SMALL;
+const PENDING: u32 = BEST + 3 * BEST_WORDS * MOST_SMALL;
+const PAIRS: u32 = PENDING + LEVEL_LIMIT;
 
 /// How many small tasks there can be in a tree over `count` primitives.
 #[inline]
@@ -91,6 +94,7 @@ pub fn split_small_task(
     phase!(group, |local| {
         if local < items {
             load_item(shared, buffers.treelets, local, word(buffers.lists, first + local).get());
+            shared_put(shared, PAIRS + local, pair_of_split(buffers.treelets, first + local));
         }
         if local < LEVEL_LIMIT {
             shared_put(shared, PENDING + local, 0);
@@ -114,18 +118,30 @@ pub fn split_small_task(
     while going {
         let set = level % 2;
         phase!(group, |local| {
-            if local < items {
-                evaluate_planes(shared, set, local, level);
+            if local % MOST_SMALL < items {
+                evaluate_plane(shared, set, local % MOST_SMALL, local / MOST_SMALL, level);
             }
         });
         phase!(group, |local| {
             if local < items {
-                split_part(shared, buffers, set, local, first, level);
+                keep_best_axis(shared, local);
+            }
+        });
+        phase!(group, |local| {
+            if local < items {
+                split_part(shared, buffers, set, local, level);
             }
         });
         going = shared_at(shared, PENDING + level) > 0;
         level += 1;
     }
+    phase!(group, |local| {
+        if local < items {
+            let at = place_word(level % 2, local);
+            let t = shared_at(shared, shared_at(shared, at + ITEM) * ITEM_WORDS + NUMBER);
+            place(buffers, t, shared_at(shared, at + PART_SLOT));
+        }
+    });
 }
 
 /// Reads treelet number `t` as the task's item number `i`.
@@ -170,29 +186,23 @@ fn is_in_front(item: (u32, u32), plane: (u32, u32)) -> bool {
     item.0 < plane.0 || (item.0 == plane.0 && item.1 <= plane.1)
 }
 
-/// Adds an item to its side of a plane.
+/// Word of the plane behind a position's item along an axis.
 #[inline]
-fn add(item: Side, in_front: bool, left: &mut Side, right: &mut Side) {
-    if in_front {
-        *left = left.union(item);
-    } else {
-        *right = right.union(item);
-    }
+fn plane_word(position: u32, axis: u32) -> u32 {
+    BEST + (axis * MOST_SMALL + position) * BEST_WORDS
 }
 
-/// Finds the best of the three planes behind a position's item, in its part.
+/// Writes what the plane behind a position's item costs along an axis, in its part.
 #[inline]
-fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
+fn evaluate_plane(shared: &mut Shared, set: u32, position: u32, axis: u32, level: u32) {
     let place = place_word(set, position);
     let item = shared_at(shared, place + ITEM);
     let first = shared_at(shared, place + PART_FIRST);
     let items = shared_at(shared, place + PART_ITEMS);
-    let (mut best, mut best_axis) = (Cost::NONE, 0);
+    let mut cost = Cost::NONE;
     if items > 1 {
-        let (plane_x, plane_y, plane_z) =
-            (order_along(shared, 0, item), order_along(shared, 1, item), order_along(shared, 2, item));
-        let (mut left_x, mut left_y, mut left_z) = (Side::default(), Side::default(), Side::default());
-        let (mut right_x, mut right_y, mut right_z) = (Side::default(), Side::default(), Side::default());
+        let plane = order_along(shared, axis, item);
+        let (mut left, mut right) = (Side::default(), Side::default());
         let mut other = first;
         while other < first + items {
             let other_item = shared_at(shared, place_word(set, other) + ITEM);
@@ -201,53 +211,45 @@ fn evaluate_planes(shared: &mut Shared, set: u32, position: u32, level: u32) {
                 items: 1,
                 weight: shared_at(shared, other_item * ITEM_WORDS + WEIGHT),
             };
-            let (x, y, z) = (
-                order_along(shared, 0, other_item),
-                order_along(shared, 1, other_item),
-                order_along(shared, 2, other_item),
-            );
-            add(side, is_in_front(x, plane_x), &mut left_x, &mut right_x);
-            add(side, is_in_front(y, plane_y), &mut left_y, &mut right_y);
-            add(side, is_in_front(z, plane_z), &mut left_z, &mut right_z);
+            if is_in_front(order_along(shared, axis, other_item), plane) {
+                left = left.union(side);
+            } else {
+                right = right.union(side);
+            }
             other += 1;
         }
+        cost = Cost::of(left, right);
         // So that its nodes keep their limit on levels: halving leaves ceil(log2) more.
-        let must_halve = level + 1 + rounded_up_log2(items - 1) > LEVEL_LIMIT;
-        let mut axis = 0;
-        while axis < 3 {
-            let mut cost = if axis == 0 {
-                Cost::of(left_x, right_x)
-            } else if axis == 1 {
-                Cost::of(left_y, right_y)
-            } else {
-                Cost::of(left_z, right_z)
-            };
-            if must_halve && cost != Cost::NONE {
-                cost = Cost { high: 0, low: 0, ..cost };
-            }
-            if cost.is_below(best) {
-                best = cost;
-                best_axis = axis;
-            }
-            axis += 1;
+        if level + 1 + rounded_up_log2(items - 1) > LEVEL_LIMIT && cost != Cost::NONE {
+            cost = Cost { high: 0, low: 0, ..cost };
         }
     }
-    let entry = BEST + position * BEST_WORDS;
-    best.shared_store(shared, entry);
-    shared_put(shared, entry + AXIS, best_axis);
+    let entry = plane_word(position, axis);
+    cost.shared_store(shared, entry);
+    shared_put(shared, entry + AXIS, axis);
 }
 
-/// Splits the part of a position by the best of its planes; takes the position's item to its new position, and to its place
-/// in the tree where it is alone there. The first position of a part writes its node.
+/// Keeps the best of the planes behind a position's item.
 #[inline]
-fn split_part(
-    shared: &mut Shared,
-    buffers: &TopBuffers<'_>,
-    set: u32,
-    position: u32,
-    numbers: u32,
-    level: u32,
-) {
+fn keep_best_axis(shared: &mut Shared, position: u32) {
+    let entry = plane_word(position, 0);
+    let mut best = Cost::shared_load(shared, entry);
+    let mut axis = 1;
+    while axis < 3 {
+        let cost = Cost::shared_load(shared, plane_word(position, axis));
+        if cost.is_below(best) {
+            best = cost;
+            shared_put(shared, entry + AXIS, axis);
+        }
+        axis += 1;
+    }
+    best.shared_store(shared, entry);
+}
+
+/// Splits the part of a position by the best of its planes; takes the position's item to its new position. The first
+/// position of a part writes its node.
+#[inline]
+fn split_part(shared: &mut Shared, buffers: &TopBuffers<'_>, set: u32, position: u32, level: u32) {
     let at = place_word(set, position);
     let item = shared_at(shared, at + ITEM);
     let first = shared_at(shared, at + PART_FIRST);
@@ -261,14 +263,14 @@ fn split_part(
     let (mut best, mut best_position) = (Cost::NONE, first);
     let mut other = first;
     while other < first + items {
-        let cost = Cost::shared_load(shared, BEST + other * BEST_WORDS);
+        let cost = Cost::shared_load(shared, plane_word(other, 0));
         if cost.is_below(best) {
             best = cost;
             best_position = other;
         }
         other += 1;
     }
-    let axis = shared_at(shared, BEST + best_position * BEST_WORDS + AXIS);
+    let axis = shared_at(shared, plane_word(best_position, 0) + AXIS);
     let plane = order_along(shared, axis, shared_at(shared, place_word(set, best_position) + ITEM));
     // How many are in front of the plane, and of these and of the others how many stand in front of this position.
     let (mut left_items, mut left_before) = (0, 0);
@@ -282,7 +284,7 @@ fn split_part(
         whole = whole.union(Extent::shared_load(shared, other_item * ITEM_WORDS));
         other += 1;
     }
-    let pair = pair_of_split(buffers.treelets, numbers + first + left_items - 1);
+    let pair = shared_at(shared, PAIRS + first + left_items - 1);
     if position == first {
         put_inner(buffers, slot, whole.bounds(), pair);
     }
@@ -292,9 +294,7 @@ fn split_part(
     let before = if right == 0 { left_before } else { position - first - left_before };
     let part_slot = 1 + 2 * pair + right;
     put_place(shared, next, part_first + before, item, part_first, part_items, part_slot);
-    if part_items == 1 {
-        place(buffers, shared_at(shared, item * ITEM_WORDS + NUMBER), part_slot);
-    } else {
+    if part_items > 1 {
         shared_add(shared, PENDING + level, 1);
     }
 }

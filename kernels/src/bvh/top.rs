@@ -19,9 +19,11 @@ use crate::interface::{BuildStep, BvhNode, MAX_BVH_DEPTH};
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
 
-/// Invocations of a workgroup of [`choose`], enough for the bins and for the words of two children. Also of
-/// [`move_treelet`].
-pub const GROUP_SIZE: u32 = 64;
+/// Invocations of a workgroup of [`choose`]: at least [`PLANES`] and the words of two children. More of them read the copies
+/// of bins sooner.
+pub const GROUP_SIZE: u32 = 128;
+/// Invocations of a workgroup of [`start_treelet`] and of [`move_treelet`].
+pub const MOVE_GROUP_SIZE: u32 = 64;
 /// Most levels of tasks.
 pub const MOST_LEVELS: u32 = level_limit(MAX_TREELETS);
 const _: () = assert!(MOST_LEVELS + small::LEVEL_LIMIT + MAX_TREELET_DEPTH <= MAX_BVH_DEPTH);
@@ -47,7 +49,10 @@ const WEIGHT: u32 = ITEMS + 1;
 /// How many words.
 const BIN_WORDS: u32 = WEIGHT + 1;
 /// Words of a task's bins.
-pub const TASK_BIN_WORDS: u32 = TASK_BINS * BIN_WORDS;
+const TASK_BIN_WORDS: u32 = TASK_BINS * BIN_WORDS;
+/// The root's bins are there so many times, those of a level's tasks half as many times as those of the level before,
+/// down to once: treelets take turns, since atomics on few addresses wait for each other.
+const ROOT_COPIES: u32 = 16;
 
 /// Words of a task: the first of its numbers, how many treelets it is over, its slot in the tree ...
 const TASK_FIRST: u32 = 0;
@@ -56,9 +61,11 @@ const TASK_SLOT: u32 = 2;
 /// ... as in a bin, what its bins cover, then least and greatest numbers ...
 const TASK_EXTENT: u32 = 3;
 const TASK_NUMBERS: u32 = TASK_EXTENT + Extent::WORDS;
+/// ... the task's place in its level's queue, which decides where its bins are ...
+const TASK_PLACE: u32 = TASK_NUMBERS + 2;
 /// ... and, once chosen, the axis of its plane, the first bin behind it, the treelets in front of it, and the number of
 /// its pair of children.
-const TASK_AXIS: u32 = TASK_NUMBERS + 2;
+const TASK_AXIS: u32 = TASK_PLACE + 1;
 const TASK_PLANE: u32 = TASK_AXIS + 1;
 const TASK_LEFT: u32 = TASK_AXIS + 2;
 const TASK_PAIR: u32 = TASK_AXIS + 3;
@@ -68,13 +75,21 @@ pub const TASK_WORDS: u32 = TASK_PAIR + 1;
 /// The task of a treelet that stands in the tree, or waits for [`small`].
 const DONE: u32 = u32::MAX;
 
-/// Shared memory of [`choose`]: the bins, then for each plane its cost (upper word, lower word), the treelets on its fuller
-/// side and its number, then both children, summed up like bins.
-pub type Shared = [u32; (TASK_BIN_WORDS + PLANE_WORDS * GROUP_SIZE + 2 * BIN_WORDS) as usize];
-const PLANES: u32 = TASK_BIN_WORDS;
+/// Planes that a task is evaluated at, some of which are none: see [`evaluate_plane`].
+const PLANES: u32 = TASK_BINS.next_power_of_two();
+
+/// Shared memory of [`choose`]: the bins, then for each plane its cost and its number, then both children, summed up like
+/// bins, then what it needs of the task: the first of its numbers, its slot, and whether it is to be halved.
+pub type Shared = [u32; (HEAD + HEAD_WORDS) as usize];
+const PLANE: u32 = TASK_BIN_WORDS;
 const PLANE_NUMBER: u32 = Cost::WORDS;
 const PLANE_WORDS: u32 = PLANE_NUMBER + 1;
-const CHILDREN: u32 = PLANES + PLANE_WORDS * GROUP_SIZE;
+const CHILDREN: u32 = PLANE + PLANE_WORDS * PLANES;
+const HEAD: u32 = CHILDREN + 2 * BIN_WORDS;
+const HEAD_FIRST: u32 = HEAD;
+const HEAD_SLOT: u32 = HEAD + 1;
+const HEAD_HALVE: u32 = HEAD + 2;
+const HEAD_WORDS: u32 = 3;
 /// The number of the plane along the curve; those along the axes have that of the bin behind.
 const CURVE_PLANE: u32 = CURVE * BINS + 1;
 
@@ -83,6 +98,18 @@ const CURVE_PLANE: u32 = CURVE * BINS + 1;
 pub const fn most_tasks(count: u32) -> u32 {
     let treelets = if count < MAX_TREELETS { count } else { MAX_TREELETS };
     treelets / MOST_SMALL + 1
+}
+
+/// Words of the bins of a tree over `count` primitives. A level has at most twice as many tasks as the one before.
+pub const fn bin_words(count: u32) -> u32 {
+    let tasks = most_tasks(count);
+    TASK_BIN_WORDS * if tasks < ROOT_COPIES { ROOT_COPIES } else { tasks }
+}
+
+/// How many copies of its bins a task of a level has.
+#[inline]
+fn bin_copies(level: u32) -> u32 {
+    (ROOT_COPIES >> level.min(31)).max(1)
 }
 
 /// What no other task at its level has, nor any number above: each owns more than [`MOST_SMALL`] numbers from `first` on.
@@ -118,6 +145,7 @@ pub fn put_first_task(buffers: &TopBuffers<'_>, step: &BuildStep, treelets: u32,
         }
         word(tasks, TASK_NUMBERS).set(!0);
         word(tasks, TASK_NUMBERS + 1).set(treelets);
+        word(tasks, TASK_PLACE).set(0);
         word(buffers.queues, 0).set(0);
         word(buffers.state, header::TASK_COUNTS).set(1);
     } else if items > 1 {
@@ -161,18 +189,23 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
     let number = word(buffers.queues, set + group.id).get();
     let task = (set + number) * TASK_WORDS;
     phase!(group, |local| {
+        if local == 0 {
+            shared_put(shared, HEAD_FIRST, word(tasks, task + TASK_FIRST).get());
+            shared_put(shared, HEAD_SLOT, word(tasks, task + TASK_SLOT).get());
+            shared_put(shared, HEAD_HALVE, must_halve(step, tasks, task) as u32);
+        }
         let mut i = local;
         while i < TASK_BIN_WORDS {
-            let bin_word = word(buffers.bins, number * TASK_BIN_WORDS + i);
-            shared_put(shared, i, bin_word.get());
-            bin_word.set(0);
+            shared_put(shared, i, take_bin_word(buffers.bins, step.level, group.id, i));
             i += GROUP_SIZE;
         }
     });
     phase!(group, |local| {
-        evaluate_plane(shared, local, must_halve(step, tasks, task));
+        if local < PLANES {
+            evaluate_plane(shared, local);
+        }
     });
-    let mut distance = GROUP_SIZE / 2;
+    let mut distance = PLANES / 2;
     while distance > 0 {
         phase!(group, |local| {
             if local < distance {
@@ -188,7 +221,7 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
     });
     phase!(group, |local| {
         if local < 2 {
-            let first = word(tasks, task + TASK_FIRST).get();
+            let first = shared_at(shared, HEAD_FIRST);
             let left_items = shared_at(shared, CHILDREN + ITEMS);
             let pair = pair_of_split(buffers.treelets, first + left_items - 1);
             if local == 0 {
@@ -210,12 +243,47 @@ pub fn choose(group: Workgroup<GROUP_SIZE>, shared: &mut Shared, step: &BuildSte
                     i += 1;
                 }
                 let place = word(buffers.state, header::TASK_COUNTS + step.level + 1).add(1);
+                word(tasks, task + TASK_PLACE).set(place);
                 word(buffers.queues, next_set + place).set(number);
             } else if items > 1 {
                 small::put_task(buffers, step, first, items, slot);
             }
         }
     });
+}
+
+/// Word `i` of the bins of the task at `place` in a level's queue, of all copies; they are left empty.
+#[inline]
+fn take_bin_word(bins: &[Word], level: u32, place: u32, i: u32) -> u32 {
+    let copies = bin_copies(level);
+    let first = place * copies * TASK_BIN_WORDS + i;
+    let mut total = 0;
+    let mut copy = 0;
+    while copy < copies {
+        // Four at a time, so that they are on their way together.
+        let (a, b) = (copy_of(bins, first, copy, copies), copy_of(bins, first, copy + 1, copies));
+        let (c, d) = (copy_of(bins, first, copy + 2, copies), copy_of(bins, first, copy + 3, copies));
+        total = united(i, total, united(i, united(i, a, b), united(i, c, d)));
+        copy += 4;
+    }
+    let mut copy = 0;
+    while copy < copies {
+        word(bins, first + copy * TASK_BIN_WORDS).set(0);
+        copy += 1;
+    }
+    total
+}
+
+/// The word of a copy, 0 where there are no more.
+#[inline]
+fn copy_of(bins: &[Word], first: u32, copy: u32, copies: u32) -> u32 {
+    if copy < copies { word(bins, first + copy * TASK_BIN_WORDS).get() } else { 0 }
+}
+
+/// Word `i` of a bin, or of several in a row, for two sets of treelets together.
+#[inline]
+fn united(i: u32, one: u32, other: u32) -> u32 {
+    if i % BIN_WORDS < ITEMS { one.max(other) } else { one + other }
 }
 
 /// The pair of siblings that split number `split` of the top lends: that of the split behind the treelet of that number.
@@ -228,8 +296,8 @@ pub fn pair_of_split(treelets: &[Word], split: u32) -> u32 {
 #[inline]
 fn put_split(shared: &Shared, buffers: &TopBuffers<'_>, task: u32, pair: u32) {
     let tasks = buffers.tasks;
-    let plane = shared_at(shared, PLANES + PLANE_NUMBER);
-    let slot = word(tasks, task + TASK_SLOT).get();
+    let plane = shared_at(shared, PLANE + PLANE_NUMBER);
+    let slot = shared_at(shared, HEAD_SLOT);
     let (left, right) =
         (Extent::shared_load(shared, CHILDREN), Extent::shared_load(shared, CHILDREN + BIN_WORDS));
     put_inner(buffers, slot, left.union(right).bounds(), pair);
@@ -269,7 +337,7 @@ pub fn move_treelet(step: &BuildStep, buffers: &TopBuffers<'_>, t: u32) {
             let mut next = DONE;
             if items > MOST_SMALL {
                 next = task_number(first);
-                add_to_bins(buffers, next_set, next, t);
+                add_to_bins(buffers, step.level + 1, (next_set + next) * TASK_WORDS, t);
             } else if items > 1 {
                 small::add_treelet(buffers, first, t);
             } else {
@@ -297,17 +365,19 @@ pub fn bounds_of(treelets: &[Word], t: u32) -> Aabb {
     Aabb { min: root.min, max: root.max }
 }
 
-/// Adds treelet number `t` to its bins along each axis of task `number` of a set.
+/// Adds treelet number `t` to its bins along each axis of a task of a level, which begins at word `task`.
 #[inline]
-fn add_to_bins(buffers: &TopBuffers<'_>, set: u32, number: u32, t: u32) {
+fn add_to_bins(buffers: &TopBuffers<'_>, level: u32, task: u32, t: u32) {
     let bounds = bounds_of(buffers.treelets, t);
     let extent = Extent::of(bounds);
     let weight = word(buffers.treelets, t * TREELET_WORDS + SIZE).get();
     let middle = center(bounds);
+    let copies = bin_copies(level);
+    let copy = word(buffers.tasks, task + TASK_PLACE).get() * copies + t % copies;
     let mut axis = 0;
     while axis <= CURVE {
-        let bin = bin_of(buffers.tasks, (set + number) * TASK_WORDS, axis, middle, t);
-        let first = number * TASK_BIN_WORDS + (axis * BINS + bin) * BIN_WORDS;
+        let bin = bin_of(buffers.tasks, task, axis, middle, t);
+        let first = copy * TASK_BIN_WORDS + (axis * BINS + bin) * BIN_WORDS;
         extent.widen(buffers.bins, first);
         word(buffers.bins, first + NUMBERS).max(!t);
         word(buffers.bins, first + NUMBERS + 1).max(t + 1);
@@ -362,10 +432,10 @@ pub const fn rounded_up_log2(n: u32) -> u32 {
 /// Writes the cost of the plane in front of bin `local`: for both sides area times number of primitives. There is none in
 /// front of an axis' first bin, nor where a side is empty: such a plane costs more than any.
 #[inline]
-fn evaluate_plane(shared: &mut Shared, local: u32, must_halve: bool) {
+fn evaluate_plane(shared: &mut Shared, local: u32) {
     let along_curve = local == CURVE_PLANE;
     let mut cost = Cost::NONE;
-    if local < TASK_BINS && (along_curve || !must_halve) {
+    if local < TASK_BINS && (along_curve || shared_at(shared, HEAD_HALVE) == 0) {
         let axis = local / BINS;
         let (mut left, mut right) = (Side::default(), Side::default());
         let mut bin = axis * BINS;
@@ -386,7 +456,7 @@ fn evaluate_plane(shared: &mut Shared, local: u32, must_halve: bool) {
         }
         cost = Cost::of(left, right);
     }
-    let entry = PLANES + local * PLANE_WORDS;
+    let entry = PLANE + local * PLANE_WORDS;
     cost.shared_store(shared, entry);
     shared_put(shared, entry + PLANE_NUMBER, local);
 }
@@ -498,7 +568,7 @@ fn wide_product(a: u32, b: u32) -> (u32, u32) {
 /// Keeps the better of two planes in the first one's place; of equal ones that of the lower number.
 #[inline]
 fn keep_better_plane(shared: &mut Shared, one: u32, other: u32) {
-    let (one, other) = (PLANES + one * PLANE_WORDS, PLANES + other * PLANE_WORDS);
+    let (one, other) = (PLANE + one * PLANE_WORDS, PLANE + other * PLANE_WORDS);
     let (cost, other_cost) = (Cost::shared_load(shared, one), Cost::shared_load(shared, other));
     let number = shared_at(shared, one + PLANE_NUMBER);
     let other_number = shared_at(shared, other + PLANE_NUMBER);
@@ -511,15 +581,14 @@ fn keep_better_plane(shared: &mut Shared, one: u32, other: u32) {
 /// Sums up word `local % BIN_WORDS` of the left (`local < BIN_WORDS`) or right child of the best plane.
 #[inline]
 fn sum_child(shared: &mut Shared, local: u32) {
-    let plane = shared_at(shared, PLANES + PLANE_NUMBER);
+    let plane = shared_at(shared, PLANE + PLANE_NUMBER);
     let (side, i) = (local / BIN_WORDS, local % BIN_WORDS);
     let begin = plane / BINS * BINS;
     let mut sum = 0;
     let mut bin = if side == 0 { begin } else { plane };
     let end = if side == 0 { plane } else { TASK_BINS.min(begin + BINS) };
     while bin < end {
-        let value = shared_at(shared, bin * BIN_WORDS + i);
-        sum = if i < ITEMS { sum.max(value) } else { sum + value };
+        sum = united(i, sum, shared_at(shared, bin * BIN_WORDS + i));
         bin += 1;
     }
     shared_put(shared, CHILDREN + local, sum);

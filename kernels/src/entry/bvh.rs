@@ -182,7 +182,7 @@ pub fn bvh_start(
 }
 
 /// Splits the tasks of a level of the top.
-#[spirv(compute(threads(64), entry_point_name = "bvh_choose"))]
+#[spirv(compute(threads(128), entry_point_name = "bvh_choose"))]
 pub fn bvh_choose(
     #[spirv(workgroup_id)] group: UVec3,
     #[spirv(local_invocation_index)] local: u32,
@@ -249,7 +249,7 @@ pub fn bvh_move(
 }
 
 /// Makes the nodes of small tasks.
-#[spirv(compute(threads(64), entry_point_name = "bvh_small"))]
+#[spirv(compute(threads(96), entry_point_name = "bvh_small"))]
 pub fn bvh_small(
     #[spirv(workgroup_id)] group: UVec3,
     #[spirv(local_invocation_index)] local: u32,

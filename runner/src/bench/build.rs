@@ -6,7 +6,7 @@ use crate::bvh::{BuildTimes, Bvh, BvhError, Hlbvh, key_bits};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS, has_single_treelets};
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
-use emboss_kernels::bvh::radix_sort::{limbs, passes};
+use emboss_kernels::bvh::radix_sort::{count_words, limbs, passes};
 use emboss_kernels::bvh::small::MOST_SMALL;
 use serde::Serialize;
 use std::ops::ControlFlow;
@@ -246,11 +246,12 @@ fn median<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f64) -> Option<T> {
 /// Bytes that a build over `count` primitives reads from memory and writes to it, at the least: each dispatch reads each
 /// item that it needs once, and writes each that it changes. What stays in caches (a neighbour's key or split level,
 /// the bins and tasks of the top, a sibling's box, as it was just written) counts once or not at all. So does what there are
-/// thousands of, not millions: counts of blocks, sums of scans.
+/// thousands of, not millions: sums of scans.
 ///
 /// Per primitive, with boxes of 24 bytes, nodes of 32, and keys of 4 or 8:
 /// - codes: boxes are read twice, once for the box of centres; key and number are written;
-/// - sort: each pass of four bits reads one word of the key to count digits, then reads and writes key and number;
+/// - sort: each pass of eight bits reads one word of the key to count digits, then reads and writes key and number; for
+///   four pairs there is a count, which is written, scanned (read twice and written), and read;
 /// - treelets: arrivals are cleared; keys are read and split levels written; these become flags, whose
 ///   scan reads twice and writes; then number, treelet, levels and box are read, and the place in the order, two nodes, the
 ///   arrival (twice) and the parent written;
@@ -273,7 +274,8 @@ pub fn bytes_moved(count: u32) -> Phases {
         return Phases::new(f64::from(count) * codes, 0.0, f64::from(count) * WORD, top);
     }
     let codes = 2.0 * bounds + key + WORD;
-    let pass = WORD + 2.0 * (key + WORD);
+    let counts = 5.0 * WORD * f64::from(count_words(count)) / f64::from(count);
+    let pass = WORD + 2.0 * (key + WORD) + counts;
     let flags = 2.0 * WORD + 3.0 * WORD;
     let climb = 3.0 * WORD + bounds + WORD + 2.0 * node + 2.0 * WORD + WORD;
     let phase = |bytes: f64| f64::from(count) * bytes;

@@ -1,5 +1,6 @@
 //! The HLBVH's kernels run on the processor: see [`emboss_kernels::bvh`].
 
+use super::scan::scan;
 use super::{BuildTimes, Bvh, key_bits, sort};
 use bytemuck::cast_slice;
 use emboss_kernels::aabb::Aabb;
@@ -10,7 +11,7 @@ use emboss_kernels::bvh::hlbvh::{
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
 use emboss_kernels::bvh::radix_sort::limbs;
 use emboss_kernels::bvh::top::TopBuffers;
-use emboss_kernels::bvh::{header, morton, refit, scan, small, top};
+use emboss_kernels::bvh::{header, morton, refit, small, top};
 use emboss_kernels::interface::{BuildStep, BvhNode, MAX_PRIMITIVES};
 use emboss_kernels::parallel::{Word, Workgroup};
 use rayon::prelude::*;
@@ -127,7 +128,7 @@ impl Hlbvh {
             treelet_tasks: &words(most_treelets, 0),
             tasks: &words(2 * most_tasks * top::TASK_WORDS, 0),
             queues: &words(2 * most_tasks + small::most_small_tasks(count), 0),
-            bins: &words(most_tasks * top::TASK_BIN_WORDS, 0),
+            bins: &words(top::bin_words(count), 0),
             small_tasks: &words(small::most_small_tasks(count) * small::SMALL_TASK_WORDS, 0),
             lists: &words(most_treelets, 0),
             nodes,
@@ -154,8 +155,7 @@ impl Hlbvh {
             choose_threshold(&step, &buffers);
             let treelet_of = words(count, 0);
             each(count, |i| flag_treelets(state, &levels, &treelet_of, i));
-            let mut shared = [0; size_of::<scan::Shared>() / 4];
-            scan::scan_serially(Workgroup::new(0), &mut shared, &treelet_of, count);
+            scan(&treelet_of);
             let emit = |level: u32| {
                 let step = BuildStep { level, ..step };
                 each(count, |i| {

@@ -1,22 +1,24 @@
 //! The radix sort on the CPU: its kernels, with the workgroups of a dispatch spread over rayon's threads.
 
+use super::scan::scan;
 use emboss_kernels::bvh::radix_sort::{
-    Counters, Pairs, Staged, count_digits, count_words, limbs, pass, passes, scatter_pairs,
+    Counters, Entries, Histogram, Pairs, count_digits, count_words, limbs, pass, passes, scatter_pairs,
 };
-use emboss_kernels::bvh::scan::{Shared, blocks, scan_serially};
+use emboss_kernels::bvh::scan::{Shared, blocks};
 use emboss_kernels::parallel::{Word, Workgroup};
 use rayon::prelude::*;
 
 /// What a workgroup shares. Threads keep one for all workgroups that they run: it need not be cleared between them.
 struct Scratch {
+    histogram: Histogram,
     counters: Counters,
     sums: Shared,
-    staged: Staged,
+    entries: Entries,
 }
 
 impl Scratch {
     fn new() -> Scratch {
-        Scratch { counters: [0; _], sums: [0; _], staged: [0; _] }
+        Scratch { histogram: [0; _], counters: [0; _], sums: [0; _], entries: [0; _] }
     }
 }
 
@@ -34,14 +36,13 @@ pub fn sort_pairs(keys: &[Word], values: &[Word], count: u32, bits: u32) {
     let groups = || (0..blocks(count)).into_par_iter();
     for pass in (0..passes(bits)).map(|index| pass(count, bits, index)) {
         groups().for_each_init(Scratch::new, |scratch, id| {
-            count_digits(Workgroup::new(id), &mut scratch.counters, &pass, keys, &counts);
+            count_digits(Workgroup::new(id), &mut scratch.histogram, &pass, keys, &counts);
         });
-        // One thread's work: there is one count for 64 pairs.
-        scan_serially(Workgroup::new(0), &mut Scratch::new().sums, &counts, count_words(count));
+        scan(&counts);
         groups().for_each_init(Scratch::new, |scratch, id| {
-            let Scratch { counters, sums, staged } = scratch;
+            let Scratch { counters, sums, entries, .. } = scratch;
             let pairs = Pairs { keys, values };
-            scatter_pairs(Workgroup::new(id), counters, sums, staged, &pass, pairs, &counts);
+            scatter_pairs(Workgroup::new(id), counters, sums, entries, &pass, pairs, &counts);
         });
     }
 }

@@ -4,7 +4,7 @@ use super::interrupt::Interrupt;
 use super::{CliError, description, progress, say, values};
 use crate::backend::select::devices;
 use crate::backend::vulkan::{Selection, VulkanBackend};
-use crate::backend::{Backend, DeviceInfo, DeviceKind, cpu};
+use crate::backend::{Backend, DeviceInfo, cpu};
 use crate::bench::build::{
     BenchError, DeviceResults, DeviceSubject, HostSubject, Measurement, Phases, measure,
 };
@@ -15,10 +15,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What is measured up to this size where no sizes are given, on the processor ...
-const MOST_ON_CPU: u32 = 1_000_000;
-/// ... and on graphics cards.
-const MOST_ON_GPU: u32 = 10_000_000;
+/// What is measured where no sizes are given.
+const SIZES: [u32; 5] = [1_000, 10_000, 100_000, 1_000_000, 10_000_000];
 
 /// What can be measured.
 #[derive(Debug, clap::Subcommand)]
@@ -35,9 +33,9 @@ pub(super) enum Bench {
 /// What builds are measured on where no device is named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Choice {
-    /// Every graphics card, and the processor
+    /// Every Vulkan device, and the processor
     All,
-    /// Every graphics card, or an error where there is none
+    /// Every Vulkan device, or an error where there is none
     Vulkan,
     /// The processor
     Cpu,
@@ -52,7 +50,7 @@ pub(super) struct BuildArgs {
     /// The only device to measure, a Vulkan one, by its number or a part of its name as `emboss devices` lists them
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
-    /// Numbers of prisms [default: 1e3, 1e4, 1e5 and 1e6, on graphics cards also 1e7]
+    /// Numbers of prisms [default: 1e3, 1e4, 1e5, 1e6 and 1e7]
     #[arg(long, value_name = "COUNT,...", value_delimiter = ',', value_parser = values::primitives)]
     sizes: Vec<u32>,
     /// How long each size is measured, behind a warm-up of 1.5 s; at least five builds are
@@ -91,13 +89,13 @@ impl BuildArgs {
         let builders = self.builders()?;
         let interrupt = Interrupt::install();
         let bar = progress::bar(self.quiet);
-        let steps = builders.iter().map(|builder| self.sizes(builder).len()).sum::<usize>() as f64;
+        let steps = (builders.len() * self.sizes().len()) as f64;
         let (mut done, mut all) = (0.0, Vec::new());
         for mut builder in builders {
             let device = builder.info();
             bar.suspend(|| say_heading(device));
             let mut results = DeviceResults::new(device);
-            for count in self.sizes(&builder) {
+            for &count in self.sizes() {
                 let watched = |share| {
                     bar.set_position(progress::position((done + share) / steps));
                     if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -127,10 +125,9 @@ impl BuildArgs {
             (Some(device), _) => Ok(vec![open(device.clone())?]),
             (None, Choice::Cpu) => Ok(vec![processor]),
             (None, choice) => {
-                let vulkan = devices().into_iter().filter(|device| device.backend == "vulkan").enumerate();
-                let cards = vulkan.filter(|(_, device)| device.kind != DeviceKind::Software);
-                let mut builders = cards
-                    .map(|(number, _)| open(number.to_string()))
+                let vulkan = devices().into_iter().filter(|device| device.backend == "vulkan").count();
+                let mut builders = (0..vulkan)
+                    .map(|number| open(number.to_string()))
                     .collect::<Result<Vec<_>, CliError>>()?;
                 if choice == Choice::All {
                     builders.push(processor);
@@ -140,13 +137,9 @@ impl BuildArgs {
         }
     }
 
-    /// The sizes to measure on a device.
-    fn sizes(&self, builder: &Builder) -> Vec<u32> {
-        if !self.sizes.is_empty() {
-            return self.sizes.clone();
-        }
-        let most = if builder.info().kind >= DeviceKind::Software { MOST_ON_CPU } else { MOST_ON_GPU };
-        (3..).map(|power| 10_u32.pow(power)).take_while(|&count| count <= most).collect()
+    /// The sizes to measure.
+    fn sizes(&self) -> &[u32] {
+        if self.sizes.is_empty() { &SIZES } else { &self.sizes }
     }
 
     /// Prints a row of the table. A size that is too large for the device gets a line that says so.
@@ -243,14 +236,10 @@ mod tests {
         }
     }
 
-    fn cpu() -> Builder {
-        Builder::Cpu(cpu::device_info())
-    }
-
     #[test]
-    fn sizes_are_those_given_or_what_the_device_can_do() {
-        assert_eq!(parsed(&["--sizes", "1e3,5,2e6"]).sizes(&cpu()), [1000, 5, 2_000_000]);
-        assert_eq!(parsed(&[]).sizes(&cpu()), [1000, 10_000, 100_000, 1_000_000]);
+    fn sizes_are_those_given_or_powers_of_ten() {
+        assert_eq!(parsed(&["--sizes", "1e3,5,2e6"]).sizes(), [1000, 5, 2_000_000]);
+        assert_eq!(parsed(&[]).sizes(), [1000, 10_000, 100_000, 1_000_000, 10_000_000]);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 /// Shared memory that the hungriest kernel of a workgroup needs, in bytes; Vulkan guarantees a little less.
 pub(super) const MOST_SHARED_BYTES: usize = {
-    let sort = size_of::<radix_sort::Counters>() + size_of::<ScanShared>() + size_of::<radix_sort::Staged>();
+    let sort = size_of::<radix_sort::Counters>() + size_of::<ScanShared>() + size_of::<radix_sort::Entries>();
     let small = size_of::<small::Shared>();
     if sort > small { sort } else { small }
 };
@@ -58,7 +58,7 @@ pub(super) struct OwnTree {
 }
 
 /// What only a build needs.
-struct Scratch {
+pub(super) struct Scratch {
     keys: Buffer,
     values: Buffer,
     counts: Buffer,
@@ -189,7 +189,14 @@ impl<'a> Tree<'a> {
 }
 
 impl Scratch {
-    fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
+    /// For a tree over `count` primitives.
+    ///
+    /// # Errors
+    /// [`BackendError::TooManyTriangles`], or [`BackendError::TooLarge`] where there is no room.
+    pub(super) fn new(device: &Arc<Device>, count: u32) -> Result<Self, BackendError> {
+        if count > MAX_PRIMITIVES {
+            return Err(BackendError::TooManyTriangles { count: count as usize });
+        }
         let treelets = count.min(MAX_TREELETS);
         let (tasks, small_tasks) = (top::most_tasks(count), small::most_small_tasks(count));
         // Nothing is sorted where each primitive is a treelet.
@@ -205,7 +212,7 @@ impl Scratch {
             treelet_sums: room("the sums of a scan", scan::sum_words(sorted))?,
             treelets: room("the treelets", treelets * TREELET_WORDS)?,
             tasks: room("the tasks of a BVH's build", 2 * tasks * top::TASK_WORDS)?,
-            bins: room("the bins of a BVH's build", tasks * top::TASK_BIN_WORDS)?,
+            bins: room("the bins of a BVH's build", top::bin_words(count))?,
             treelet_tasks: room("the treelets' tasks", treelets)?,
             queues: room("the queues of a BVH's build", 2 * tasks + small_tasks)?,
             small_tasks: room("the small tasks of a BVH's build", small_tasks * small::SMALL_TASK_WORDS)?,
@@ -257,26 +264,19 @@ impl Builder {
         &self.sorter
     }
 
-    /// Builds the tree over its boxes. Returns what each phase took.
-    ///
-    /// # Errors
-    /// [`BackendError::TooManyTriangles`], or [`BackendError::TooLarge`] where there is no room.
+    /// Builds the tree over its boxes in a scratch for as many. Returns what each phase took.
     pub(super) fn build(
         &self,
-        device: &Arc<Device>,
         commands: &Commands,
         tree: Tree<'_>,
+        scratch: &Scratch,
     ) -> Result<BuildTimes, BackendError> {
         let count = tree.state.count;
-        if count > MAX_PRIMITIVES {
-            return Err(BackendError::TooManyTriangles { count: count as usize });
-        }
-        let scratch = Scratch::new(device, count)?;
-        self.bind(tree, &scratch);
+        self.bind(tree, scratch);
         let bits = key_bits(count);
         let step = BuildStep { count, limbs: limbs(bits), level: 0, level_limit: top::level_limit(count) };
         let marks = commands.run_marked("building the BVH", |recorder| {
-            self.record(recorder, tree, &scratch, &step, bits);
+            self.record(recorder, tree, scratch, &step, bits);
         })?;
         let &[codes, sort, treelets, top] = &marks[..] else {
             unreachable!("a build has three marks");
@@ -322,6 +322,11 @@ impl Builder {
             recorder.dispatch(pipeline, bytes_of(step), rows(groups));
             recorder.barrier();
         };
+        // Never more workgroups than a device takes in a row: see `MAX_PRIMITIVES`.
+        let over_blocks = |pipeline: &Pipeline| {
+            recorder.dispatch(pipeline, bytes_of(step), [count.div_ceil(morton::BLOCK), 1]);
+            recorder.barrier();
+        };
         let indirect = |pipeline: &Pipeline, step: &BuildStep, word: u32| {
             recorder.dispatch_indirect(pipeline, bytes_of(step), &tree.state.header, word);
             recorder.barrier();
@@ -331,7 +336,7 @@ impl Builder {
         recorder.fill(&scratch.treelets, 0);
         recorder.fill(&scratch.bins, 0);
         recorder.barrier();
-        dispatch(&self.centers, step, count.div_ceil(morton::BLOCK));
+        over_blocks(&self.centers);
         if has_single_treelets(count) {
             dispatch(&self.singles, step, count.div_ceil(BATCH_GROUP_SIZE));
             recorder.mark();
@@ -342,7 +347,7 @@ impl Builder {
             recorder.mark();
             self.sorter.record(recorder, count, bits);
             recorder.mark();
-            dispatch(&self.levels, step, count.div_ceil(morton::BLOCK));
+            over_blocks(&self.levels);
             dispatch(&self.threshold, step, 1);
             dispatch(&self.flags, step, count.div_ceil(BATCH_GROUP_SIZE));
             self.scanner.record(recorder, count);
@@ -351,13 +356,13 @@ impl Builder {
             indirect(&self.treelets, &BuildStep { level: 1, ..*step }, header::DEEP_GROUPS);
         }
         recorder.mark();
-        recorder.dispatch(&self.start, &[], [count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE), 1]);
+        recorder.dispatch(&self.start, &[], [count.min(MAX_TREELETS).div_ceil(top::MOVE_GROUP_SIZE), 1]);
         recorder.barrier();
         for level in 0..step.level_limit {
             let step = BuildStep { level, ..*step };
             // Of so few workgroups that those without a task cost less than to read how many have one.
             dispatch(&self.choose, &step, top::most_tasks(count));
-            dispatch(&self.move_treelets, &step, count.min(MAX_TREELETS).div_ceil(top::GROUP_SIZE));
+            dispatch(&self.move_treelets, &step, count.min(MAX_TREELETS).div_ceil(top::MOVE_GROUP_SIZE));
         }
         recorder.barrier_for_arguments();
         indirect(&self.small, step, header::SMALL_GROUPS);

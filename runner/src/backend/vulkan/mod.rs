@@ -35,7 +35,7 @@ pub use validation::ValidationLog;
 use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
 use crate::bvh::{BuildTimes, Bvh, MOST_GROWTH};
 use buffer::{Buffer, Label};
-use build::{Builder, OwnTree};
+use build::{Builder, OwnTree, Scratch};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
@@ -218,8 +218,9 @@ impl VulkanBackend {
     /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
     pub fn bvh_over(&mut self, boxes: &[Aabb]) -> Result<DeviceBvh<'_>, BackendError> {
         let builder = self.builder()?;
-        let tree = OwnTree::new(&self.device, length(boxes))?;
-        let mut bvh = DeviceBvh { backend: self, builder, tree };
+        let (tree, scratch) =
+            (OwnTree::new(&self.device, length(boxes))?, Scratch::new(&self.device, length(boxes))?);
+        let mut bvh = DeviceBvh { backend: self, builder, tree, scratch };
         bvh.put_boxes(boxes)?;
         Ok(bvh)
     }
@@ -302,8 +303,9 @@ impl VulkanBackend {
     /// Builds the tree over the boxes. `start` is when the work began.
     fn build_bvh(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
         let builder = self.builder()?;
-        builder.build(&self.device, &self.commands, resident.tree())?;
-        let sound = resident.tree().state.sound(&self.commands, &self.transfers)?;
+        let tree = resident.tree();
+        builder.build(&self.commands, tree, &Scratch::new(&self.device, tree.state.count())?)?;
+        let sound = tree.state.sound(&self.commands, &self.transfers)?;
         let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         self.built_cost = None;
@@ -468,6 +470,8 @@ pub struct DeviceBvh<'a> {
     backend: &'a mut VulkanBackend,
     builder: Rc<Builder>,
     tree: OwnTree,
+    /// Kept for the next build: a card that waits for memory to be allocated slows its clocks.
+    scratch: Scratch,
 }
 
 impl DeviceBvh<'_> {
@@ -476,7 +480,7 @@ impl DeviceBvh<'_> {
     /// # Errors
     /// [`BackendError::TooLarge`], [`BackendError::Allocation`], or another error of the driver.
     pub fn build(&mut self) -> Result<BuildTimes, BackendError> {
-        self.builder.build(&self.backend.device, &self.backend.commands, self.tree.tree())
+        self.builder.build(&self.backend.commands, self.tree.tree(), &self.scratch)
     }
 
     /// Gives the nodes the boxes that the primitives have now. Returns what it took on the device, in milliseconds.
