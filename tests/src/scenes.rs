@@ -141,12 +141,12 @@ pub fn tiles() -> Scene {
     }
 }
 
-/// A level sheet of 16 x 16 squares of their own under a map of two texels: squares lie on the one or the other by turns, so
+/// A level sheet of 16 x 16 squares that do not touch under a map of two texels: squares lie on the one or the other by turns, so
 /// that a scale lifts them into two layers.
 pub fn checkered_sheet() -> Scene {
     const SIDE: u16 = 16;
     let corner = |i: u16, j: u16, x: u16, y: u16| Vertex {
-        position: Vec3::new(f32::from(i + x), f32::from(j + y), 0.0),
+        position: Vec3::new(f32::from(i) + 0.75 * f32::from(x), f32::from(j) + 0.75 * f32::from(y), 0.0),
         normal: Vec3::Z,
         // The middle of a texel.
         u: 0.25 + 0.5 * f32::from((i + j) % 2),
