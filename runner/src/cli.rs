@@ -132,9 +132,9 @@ struct RenderArgs {
     /// Lights cast no shadows
     #[arg(long)]
     no_shadows: bool,
-    /// How maps are read outside [0,1)
-    #[arg(long, value_enum, default_value_t = Wrap::Repeat)]
-    wrap: Wrap,
+    /// How all maps are read outside [0,1) [default: as their materials say, else repeat]
+    #[arg(long, value_enum)]
+    wrap: Option<Wrap>,
     /// Turn the height map upside down: white is low
     #[arg(long)]
     invert: bool,
@@ -337,13 +337,7 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(
-            &settings,
-            self.samples,
-            scene.reliefs[0].zero,
-            scene.reliefs[0].scale,
-            scene.subdivisions,
-        );
+        let used = SettingsUsed::new(&settings, self.samples, &scene);
         let mut job = prepare(scene, &settings)?;
         load(backend.as_mut(), &mut job)?;
         let build = backend.build_report();
@@ -405,7 +399,7 @@ impl RenderArgs {
             weld: self.weld,
             shade: self.shade,
             shadows: !self.no_shadows,
-            wrap: self.wrap,
+            wrap: self.wrap.unwrap_or(Settings::default().wrap),
             view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },
             lights: self.lights.clone(),
             ambient: self.ambient,
@@ -432,6 +426,7 @@ impl RenderArgs {
             scale: self.scale.and_then(values::OrDefault::given),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
+            wrap: self.wrap,
         })?;
         if let Some((from, up)) = inputs.view {
             (settings.view.from, settings.view.usual_up) = (from, up);

@@ -154,7 +154,7 @@ pub struct Settings {
     pub shade: Shade,
     /// Whether lights cast shadows.
     pub shadows: bool,
-    /// How both maps are read outside [0,1).
+    /// How maps are read outside [0,1) unless they say it themselves.
     pub wrap: Wrap,
     /// Where the camera is.
     pub view: View,

@@ -260,6 +260,53 @@ fn materials_bring_their_maps() {
     assert!(run.stderr.contains("missing.png: the materials name this map, but it is not there"));
 }
 
+/// Two triangles side by side, the left one of the material `a`, the right one of `b`.
+const TWO_MATERIALS: &str = "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 3 0 0\nv 4 0 0\nv 4 1 0\n\
+    vt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 4/1 5/2 6/3\n";
+
+/// The colours of the opaque pixels in the left and in the right half of a picture; no more than four steps apart.
+fn halves(path: &Path) -> [[u8; 3]; 2] {
+    let picture = image::open(path).expect("a picture").to_rgba8();
+    [false, true].map(|right| {
+        let half = picture
+            .enumerate_pixels()
+            .filter(|(x, _, p)| (*x >= picture.width() / 2) == right && p.0[3] == 255);
+        let colors: Vec<[u8; 3]> = half.map(|(.., pixel)| [0, 1, 2].map(|i| pixel.0[i])).collect();
+        let far = |color: &[u8; 3]| color.iter().zip(colors[0]).any(|(a, b)| a.abs_diff(b) > 4);
+        assert!(!colors.is_empty() && !colors.iter().any(far), "{colors:?}");
+        colors[0]
+    })
+}
+
+/// Full ambient light and nothing else, so that a pixel is its surface's colour.
+const AMBIENT: [&str; 3] = ["--ambient=1", "--light=0,0,9:0,0,0", "--eye=2,0.5,9"];
+
+#[test]
+fn each_material_has_its_own_maps() {
+    let pixel = |name: &str, place: &Place, color| {
+        image::RgbImage::from_pixel(1, 1, image::Rgb(color)).save(place.path(name)).expect("written");
+    };
+    let library = "newmtl a\nKd 0 0 1\nmap_Kd red.png\nnewmtl b\nKd 0 1 0\ndisp white.png\n";
+    let place = Place::new().with("two.obj", TWO_MATERIALS).with("two.mtl", library);
+    pixel("red.png", &place, [255, 0, 0]);
+    pixel("white.png", &place, [255; 3]);
+    let render = |more: &[&str]| place.render(&[&["two.obj"], more, &AMBIENT[..]].concat()).succeeded();
+    let run = render(&[]);
+    for line in ["color  red.png, 0,1,0  (from the materials)", "height none, white.png  (several origins)"] {
+        assert!(run.stdout.contains(line), "{}", run.stdout);
+    }
+    assert_eq!(halves(&place.path("out.png")), [[255, 0, 0], [0, 255, 0]]);
+    // Height over the range of all maps: none is black, white is white.
+    render(&["--shade=height"]);
+    assert_eq!(halves(&place.path("out.png")), [[0; 3], [255; 3]]);
+    // The command line's go before all of them.
+    pixel("blue.png", &place, [0, 0, 255]);
+    render(&["blue.png"]);
+    assert_eq!(halves(&place.path("out.png")), [[0, 0, 255]; 2]);
+    render(&["none"]);
+    assert_eq!(halves(&place.path("out.png")), [[0, 0, 255], [0, 255, 0]]);
+}
+
 #[test]
 fn normal_map_stands_in_for_a_missing_colour_map_only() {
     let pixel = image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]));

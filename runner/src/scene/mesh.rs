@@ -9,6 +9,7 @@ use std::collections::HashMap;
 struct Face {
     /// Indices of its vertices, counter-clockwise seen from outside.
     vertices: [u32; 3],
+    material: u32,
     /// Its outward normal, twice its area long: zero for a sliver, whose positions lie in a line.
     area_normal: DVec3,
 }
@@ -37,7 +38,16 @@ impl Mesh {
     ///
     /// Positions, normals and texture coordinates must be finite, indices within `vertices`.
     pub fn from_triangles(vertices: &[Vertex], triangles: &[[u32; 3]]) -> Self {
-        let faces: Vec<Face> = triangles.iter().filter_map(|&t| face(vertices, t)).collect();
+        Self::with_materials(vertices, triangles.iter().map(|&triangle| (triangle, 0)))
+    }
+
+    /// [`from_triangles`](Self::from_triangles), each triangle with the index of its material.
+    pub fn with_materials(
+        vertices: &[Vertex],
+        triangles: impl ExactSizeIterator<Item = ([u32; 3], u32)>,
+    ) -> Self {
+        let given = triangles.len();
+        let faces: Vec<Face> = triangles.filter_map(|(t, material)| face(vertices, t, material)).collect();
         let positions = weld_positions(vertices, &faces);
         let normals = computed_normals(&positions, &faces);
         let mut unified = Unified::default();
@@ -48,10 +58,13 @@ impl Mesh {
             })
             .collect();
         let (vertices, new_index) = unified.into_sorted();
+        let triangle = |(t, face): (&[u32; 3], &Face)| {
+            oriented(t.map(|v| new_index[v as usize])).with_material(face.material)
+        };
         Self {
             vertices,
-            triangles: indices.iter().map(|t| oriented(t.map(|v| new_index[v as usize]))).collect(),
-            dropped: triangles.len() - faces.len(),
+            triangles: indices.iter().zip(&faces).map(triangle).collect(),
+            dropped: given - faces.len(),
         }
     }
 
@@ -67,14 +80,14 @@ impl Mesh {
 }
 
 /// The face of a triangle, `None` where two of its corners are at one position.
-fn face(vertices: &[Vertex], triangle: [u32; 3]) -> Option<Face> {
+fn face(vertices: &[Vertex], triangle: [u32; 3], material: u32) -> Option<Face> {
     let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position);
     // As with `bits`, -0 equals 0; positions are finite.
     if p0 == p1 || p1 == p2 || p2 == p0 {
         return None;
     }
     let [p0, p1, p2] = [p0, p1, p2].map(|p| p.as_dvec3());
-    Some(Face { vertices: triangle, area_normal: (p1 - p0).cross(p2 - p0) })
+    Some(Face { vertices: triangle, material, area_normal: (p1 - p0).cross(p2 - p0) })
 }
 
 /// For each vertex the number of its position, in order of first use by a face; vertices without a face get 0.

@@ -241,7 +241,7 @@ mod tests {
     use super::*;
     use crate::backend::host_scene::HostScene;
     use crate::render::{Scene, prepare};
-    use crate::scene::{HeightMap, Relief};
+    use crate::scene::{HeightMap, Material, Relief};
     use crate::settings::{Normals, Settings, Weld, Wrap};
     use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
     use emboss_kernels::interface::height_format;
@@ -275,19 +275,21 @@ mod tests {
         for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
             triangle.displacement = index(i) % maps;
         }
-        let relief = |seed: u32| Relief {
-            map: HeightMap {
-                width: 5,
-                height: 4,
-                format: height_format::FLOAT32,
-                texels: (0..20).map(|i| noise(1000 * seed + i).to_bits()).collect(),
-                range: (-1.0, 1.0),
-                replaced: 0,
-            },
-            zero: 0.1,
-            scale: 0.3 + 0.1 * seed as f32,
+        let map = |seed: u32| HeightMap {
+            width: 5,
+            height: 4,
+            format: height_format::FLOAT32,
+            texels: (0..20).map(|i| noise(1000 * seed + i).to_bits()).collect(),
+            range: (-1.0, 1.0),
+            replaced: 0,
         };
-        Scene { mesh, reliefs: (0..maps).map(relief).collect(), color_map: None, subdivisions: 1 }
+        let relief = |seed: u32| Relief::new(map(seed), 0.1, 0.3 + 0.1 * seed as f32);
+        Scene {
+            mesh,
+            reliefs: (0..maps).map(relief).collect(),
+            materials: vec![Material::default()],
+            subdivisions: 1,
+        }
     }
 
     fn host_scene(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> HostScene {
@@ -409,8 +411,13 @@ mod tests {
         ];
         let mut mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [3, 4, 5]]);
         mesh.triangles[1].displacement = 1;
-        let relief = |height: f32| Relief { map: HeightMap::flat(height), zero: 0.0, scale: 1.0 };
-        let scene = Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
+        let relief = |height: f32| Relief::new(HeightMap::flat(height), 0.0, 1.0);
+        let scene = Scene {
+            mesh,
+            reliefs: vec![relief(1.0), relief(3.0)],
+            materials: vec![Material::default()],
+            subdivisions: 4,
+        };
         let scene = host_scene(&scene, 4, Normals::Normalized, Weld::On);
         let view = scene.view();
         let field = HeightField::new(&view, scene.features());
