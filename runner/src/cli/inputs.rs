@@ -3,12 +3,16 @@
 use crate::render::Scene;
 use crate::scene::assembly::{Assembly, MapSource, MaterialSource};
 use crate::scene::builtin::{self, BuiltinScene};
+use crate::scene::error::SceneFileProblem;
 use crate::scene::obj::load_obj;
+use crate::scene::scene_file::{
+    MaterialChoice, ModelSource, SceneColor, SceneFile, SceneMaterial, SceneModel,
+};
 use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
 use crate::settings::{Light, Wrap};
-use glam::Vec3;
+use glam::{DAffine3, Vec3};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The texel value of no displacement unless said otherwise: mid-grey, so that a model keeps its size.
@@ -28,6 +32,8 @@ pub(super) enum ModelArgument {
     Builtin(String),
     /// An OBJ file.
     File(PathBuf),
+    /// A scene file.
+    Scene(PathBuf),
 }
 
 /// COLOR or HEIGHT.
@@ -43,8 +49,10 @@ pub(super) enum MapArgument {
 }
 
 /// The six arguments as given, and the options that concern all maps.
-pub(super) struct Request {
-    pub(super) model: ModelArgument,
+pub(super) struct Request<'a> {
+    pub(super) model: &'a ModelArgument,
+    /// What the scene file says, where the model is one.
+    pub(super) scene: Option<&'a SceneFile>,
     pub(super) color: MapArgument,
     pub(super) height: MapArgument,
     pub(super) zero: Option<f32>,
@@ -60,9 +68,9 @@ pub(super) struct Inputs {
     pub(super) scene: Scene,
     /// For the user: each argument's value and where it comes from.
     pub(super) choices: [Choice; 6],
-    /// A built-in scene's direction to the camera, and what is up.
+    /// The direction to the camera of a built-in scene that is alone, and what is up.
     pub(super) view: Option<(Vec3, Vec3)>,
-    /// A built-in scene's lights.
+    /// Its lights.
     pub(super) lights: Vec<Light>,
 }
 
@@ -99,6 +107,7 @@ const MATERIAL: &str = "from the materials";
 /// The geometry carries the relief, so a normal map has nothing to add to the shading; but where materials have no
 /// other picture of the surface, it shows which part is which, as the program did that Emboss follows.
 const NORMAL_MAP: &str = "from the materials: their normal map, for want of a map_Kd";
+const SCENE_FILE: &str = "from the scene file";
 const DEFAULT: &str = "default";
 const SEVERAL: &str = "several origins";
 
@@ -120,6 +129,10 @@ struct Recommended {
 
 /// A material, and where what it says comes from.
 struct Described {
+    /// What the model calls it; empty where it has no name.
+    name: String,
+    /// Where a scene file describes it.
+    line: Option<usize>,
     source: MaterialSource,
     color: &'static str,
     height: &'static str,
@@ -128,32 +141,92 @@ struct Described {
 }
 
 /// Loads what the arguments name, and fills in what they leave out.
-pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
-    let mut model = load_model(&request.model)?;
-    model.materials.iter_mut().for_each(|material| material.change(request));
-    let (subdivisions, n_origin) = match (request.subdivisions, &model.builtin) {
-        (Some(n), _) => (n, GIVEN),
-        (None, Some(builtin)) => (builtin.subdivisions, BUILTIN),
-        (None, None) => (SUBDIVISIONS, DEFAULT),
+pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
+    let mut models = match request.scene {
+        None => vec![load_model(request.model)?],
+        Some(scene) => {
+            scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
+        }
     };
-    let model_origin = if request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
+    let materials = models.iter_mut().flat_map(|model| &mut model.materials);
+    materials.for_each(|material| material.change(request));
+    let recommended = models.iter().filter_map(|model| model.builtin.as_ref()).map(|b| b.subdivisions).max();
+    let in_scene = request.scene.and_then(|scene| scene.subdivisions);
+    let (subdivisions, n_origin) = match (request.subdivisions, in_scene, recommended) {
+        (Some(n), ..) => (n, GIVEN),
+        (None, Some(n), _) => (n, SCENE_FILE),
+        (None, None, Some(n)) => (n, BUILTIN),
+        (None, None, None) => (SUBDIVISIONS, DEFAULT),
+    };
+    let name = request.scene.map_or_else(|| models[0].name.clone(), |scene| scene.path.display().to_string());
+    let model_origin = if *request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
     let all = |name, of: fn(&Described) -> (String, &'static str)| {
-        Choice::of_all(name, model.materials.iter().map(of))
+        Choice::of_all(name, models.iter().flat_map(|model| &model.materials).map(of))
     };
     let choices = [
-        Choice { name: "model", value: model.name, origin: model_origin },
+        Choice { name: "model", value: name, origin: model_origin },
         all("color", |m| (color_name(&m.source), m.color)),
         all("height", |m| (map_name(m.source.height.as_ref()), m.height)),
         all("zero", |m| (m.source.zero.to_string(), m.zero)),
         all("scale", |m| (m.source.scale.to_string(), m.scale)),
         Choice { name: "N", value: subdivisions.to_string(), origin: n_origin },
     ];
+    let (mut view, mut lights) = (None, Vec::new());
+    if let (None, [Model { builtin: Some(builtin), .. }]) = (request.scene, &models[..]) {
+        (view, lights) = (Some(builtin.view), builtin.lights.clone());
+    }
     let mut assembly = Assembly::default();
-    let materials = model.materials.iter().map(|material| assembly.material(&material.source));
-    let materials = materials.collect::<Result<Vec<_>, _>>()?;
-    assembly.add(model.mesh, &materials);
-    let (view, lights) = model.builtin.map_or((None, Vec::new()), |b| (Some(b.view), b.lights));
+    for Model { mesh, materials, .. } in models {
+        let ids = materials.iter().map(|material| {
+            assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
+                (Some(scene), Some(line)) => named_by(scene, line, error),
+                _ => error,
+            })
+        });
+        let ids = ids.collect::<Result<Vec<_>, _>>()?;
+        assembly.add(mesh, &ids);
+    }
     Ok(Inputs { scene: assembly.finish(subdivisions), choices, view, lights })
+}
+
+/// What is wrong with a file that a line of a scene file names.
+fn named_by(scene: &SceneFile, line: usize, source: SceneError) -> SceneError {
+    SceneError::NamedBySceneFile { path: scene.path.clone(), line, source: Box::new(source) }
+}
+
+/// A model of a scene file in its place, with its materials.
+fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, InputError> {
+    let wrong = |problem| SceneError::SceneFile { path: scene.path.clone(), line: model.line, problem };
+    let mut loaded = match &model.source {
+        ModelSource::Builtin(name) => load_builtin(name)?,
+        ModelSource::File(path) => load_file(path).map_err(|error| named_by(scene, model.line, error))?,
+    };
+    if model.world_from_model != DAffine3::IDENTITY {
+        let moved = loaded.mesh.transformed(model.world_from_model);
+        loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+    }
+    let known = || loaded.materials.iter().map(|material| material.name.clone());
+    if let MaterialChoice::ByName(names) = &model.materials
+        && let Some(name) = names.keys().find(|name| !known().any(|known| known == **name))
+    {
+        let known = known().filter(|name| !name.is_empty()).collect();
+        return Err(wrong(SceneFileProblem::UnknownModelMaterial { name: name.clone(), known }).into());
+    }
+    // Heights that the scene file does not give keep their share of the model's size.
+    #[expect(clippy::cast_possible_truncation, reason = "rounded")]
+    let growth = model.world_from_model.matrix3.determinant().abs().cbrt() as f32;
+    for material in &mut loaded.materials {
+        material.source.scale *= growth;
+        let chosen = match &model.materials {
+            MaterialChoice::Own => None,
+            MaterialChoice::All(name) => Some(name),
+            MaterialChoice::ByName(names) => names.get(&material.name),
+        };
+        if let Some(chosen) = chosen {
+            material.choose(&scene.materials[chosen]);
+        }
+    }
+    Ok(loaded)
 }
 
 impl Choice {
@@ -191,14 +264,17 @@ fn map_name<T>(map: Option<&MapSource<T>>) -> String {
 
 fn color_name(source: &MaterialSource) -> String {
     match (&source.color, source.albedo) {
-        (None, Some(Vec3 { x, y, z })) => format!("{x},{y},{z}"),
+        (None, Some(albedo)) => {
+            let [r, g, b] = albedo.to_array().map(|part| (1000.0 * part).round() / 1000.0);
+            format!("{r},{g},{b}")
+        }
         (map, _) => map_name(map.as_ref()),
     }
 }
 
 impl Described {
     /// Takes what the command line says of all materials.
-    fn change(&mut self, request: &Request) {
+    fn change(&mut self, request: &Request<'_>) {
         let source = &mut self.source;
         match &request.color {
             MapArgument::Default => {}
@@ -226,6 +302,35 @@ impl Described {
         source.invert |= request.invert;
     }
 
+    /// Takes what a scene file says of it.
+    fn choose(&mut self, material: &SceneMaterial) {
+        let source = &mut self.source;
+        self.line = Some(material.line);
+        match &material.color {
+            None => {}
+            Some(SceneColor::None) => (source.color, self.color) = (None, SCENE_FILE),
+            Some(SceneColor::Plain(albedo)) => {
+                (source.color, source.albedo, self.color) = (None, Some(*albedo), SCENE_FILE);
+            }
+            Some(SceneColor::Map(path)) => {
+                (source.color, self.color) = (Some(MapSource::File(path.clone())), SCENE_FILE);
+            }
+        }
+        if let Some(height) = &material.height {
+            (source.height, self.height) = (height.clone().map(MapSource::File), SCENE_FILE);
+        }
+        if let Some(zero) = material.zero {
+            (source.zero, self.zero) = (zero, SCENE_FILE);
+        }
+        if let Some(scale) = material.scale {
+            (source.scale, self.scale) = (scale, SCENE_FILE);
+        }
+        if let Some(wrap) = material.wrap {
+            (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
+        }
+        source.invert = material.invert.unwrap_or(source.invert);
+    }
+
     /// A material of a model's file; `scale` is the height that its maps have where it says nothing of that.
     fn of_model(material: ModelMaterial, scale: f32) -> Described {
         let color = existing(material.color).map(|map| (map, MATERIAL));
@@ -239,6 +344,8 @@ impl Described {
             (None, None) => DEFAULT,
         };
         Described {
+            name: material.name,
+            line: None,
             height: if height.is_some() { MATERIAL } else { DEFAULT },
             color: color_origin,
             zero: if range.is_some() { MATERIAL } else { DEFAULT },
@@ -259,15 +366,17 @@ impl Described {
 
 fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
     match argument {
-        ModelArgument::File(path) => {
-            let (mesh, materials) = load_obj(path)?;
-            let scale = SCALE_SHARE * diagonal(&mesh);
-            let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
-            Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None })
-        }
+        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path)?),
         ModelArgument::Builtin(name) => load_builtin(name),
         ModelArgument::Default => load_builtin("builtin:knot"),
     }
+}
+
+fn load_file(path: &Path) -> Result<Model, SceneError> {
+    let (mesh, materials) = load_obj(path)?;
+    let scale = SCALE_SHARE * diagonal(&mesh);
+    let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
+    Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -290,7 +399,15 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         invert: false,
     };
     let color = if source.color.is_some() { BUILTIN } else { DEFAULT };
-    let material = Described { source, color, height: BUILTIN, zero: BUILTIN, scale: BUILTIN };
+    let material = Described {
+        name: String::new(),
+        line: None,
+        source,
+        color,
+        height: BUILTIN,
+        zero: BUILTIN,
+        scale: BUILTIN,
+    };
     let lights = lights.into_iter().map(light).collect();
     let recommended = Recommended { subdivisions, view: (view, up), lights };
     Ok(Model { name: name.to_owned(), mesh, materials: vec![material], builtin: Some(recommended) })

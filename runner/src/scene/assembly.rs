@@ -105,7 +105,7 @@ impl Assembly {
             *triangle = triangle.with_material(material);
             triangle.displacement = relief;
         }
-        self.mesh = mesh;
+        self.mesh.append(mesh);
     }
 
     /// The scene.

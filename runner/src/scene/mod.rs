@@ -7,6 +7,7 @@ pub mod image;
 mod mesh;
 mod noise;
 pub mod obj;
+pub mod scene_file;
 pub mod seams;
 
 use crate::settings::Wrap;
@@ -27,6 +28,8 @@ pub struct Mesh {
     pub triangles: Vec<Triangle>,
     /// How many triangles of the source had two corners at one position, or fewer than three, and were left out.
     pub dropped: usize,
+    /// The first vertex of each mesh that was [appended](Mesh::append): those before it have nothing in common with it.
+    pub starts: Vec<u32>,
 }
 
 /// What a model's file says of one of its materials.

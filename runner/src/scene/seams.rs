@@ -27,11 +27,11 @@ struct Side {
 impl SeamTable {
     /// Finds the seams of `mesh` and notes in its triangles which are theirs.
     ///
-    /// Vertices are at the same place where their positions are equal. The direction there is the normalised mean of
+    /// Vertices are at the same place where their positions are equal, and they are of one mesh (see [`Mesh::starts`]). The direction there is the normalised mean of
     /// their different normals; where these cancel, that of the first. Vertices at a place must have neighbouring
     /// indices, as [`Mesh::from_triangles`] gives them, so that all sides of an edge start at the same end.
     pub fn find(mesh: &mut Mesh) -> SeamTable {
-        let place_of = places(&mesh.vertices);
+        let place_of = places(mesh);
         let directions = decided_directions(mesh, &place_of);
         let edges = edges(mesh, &place_of);
         let mut table = SeamTable::default();
@@ -140,15 +140,14 @@ fn seams_of(
 }
 
 /// For each vertex the number of its place.
-fn places(vertices: &[Vertex]) -> Vec<u32> {
+fn places(mesh: &Mesh) -> Vec<u32> {
     let mut numbers = HashMap::new();
-    vertices
-        .iter()
-        .map(|vertex| {
-            let next = index(numbers.len());
-            *numbers.entry(key(vertex.position)).or_insert(next)
-        })
-        .collect()
+    let mut place = |(i, vertex): (u32, &Vertex)| {
+        let mesh_number = mesh.starts.partition_point(|&start| start <= i);
+        let next = index(numbers.len());
+        *numbers.entry((mesh_number, key(vertex.position))).or_insert(next)
+    };
+    (0..).zip(&mesh.vertices).map(&mut place).collect()
 }
 
 /// The direction at each place where several vertices, or triangles of several height maps, meet.
@@ -434,6 +433,23 @@ mod tests {
         let seams = view.seams[0];
         assert_eq!((seams.flags & 7, seams.heights), (3, [2.0, 2.0, 0.0]));
         assert!(seams.height_min[2] <= 2.0 && seams.height_max[2] >= 2.0 && seams.height_max[2] < 2.001);
+    }
+
+    /// Each of two meshes in one place has the seams that it has alone, with sides of its own.
+    #[test]
+    fn appended_meshes_do_not_weld() {
+        let mut alone = octahedron(true, true, 1).mesh;
+        let mut both = alone.clone();
+        both.append(alone.clone());
+        let (one, two) = (SeamTable::find(&mut alone), SeamTable::find(&mut both));
+        assert!(!one.seams.is_empty());
+        assert_eq!((two.seams.len(), two.sides.len()), (2 * one.seams.len(), 2 * one.sides.len()));
+        let directions = |table: &SeamTable, i: usize| (table.seams[i].flags, table.seams[i].directions);
+        for i in 0..one.seams.len() {
+            assert_eq!(directions(&two, i), directions(&one, i));
+            assert_eq!(directions(&two, one.seams.len() + i), directions(&one, i));
+            assert_eq!(two.seams[i].side_count, one.seams[i].side_count);
+        }
     }
 
     #[test]
