@@ -424,7 +424,7 @@ const PLAIN: &str = "[render]\nwidth = 40\nheight = 20\nsamples = 1\nambient = 1
 #[test]
 fn a_scene_file_says_what_is_rendered() {
     let scene = format!(
-        "{PLAIN}[material.paint]\ncolor = \"red.png\"\n[[model]]\npath = \"two.obj\"\nmaterial = {{ a = \"paint\" }}\n"
+        "{PLAIN}[material.idle]\n[material.paint]\ncolor = \"red.png\"\n[[model]]\npath = \"two.obj\"\nmaterial = {{ a = \"paint\" }}\n"
     );
     let place = scene_place(&scene);
     let run = place.run(&["render", "scene.toml", "--backend=cpu", "--output=out.png"]).succeeded();
@@ -432,6 +432,8 @@ fn a_scene_file_says_what_is_rendered() {
         assert!(run.stdout.contains(line), "{}", run.stdout);
     }
     assert!(run.stdout.contains("Wrote out.png: 40x20, 1 samples"), "{}", run.stdout);
+    let (idle, paint) = ("scene.toml:13: no model has the material `idle`", "material `paint`");
+    assert!(run.stderr.contains(idle) && !run.stderr.contains(paint), "{}", run.stderr);
     assert_eq!(halves(&place.path("out.png")), [[255, 0, 0], [0, 255, 0]]);
 }
 

@@ -148,6 +148,11 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
         }
     };
+    if let Some(scene) = request.scene {
+        for (name, line) in scene.idle_materials() {
+            tracing::warn!("{}:{line}: no model has the material `{name}`", scene.path.display());
+        }
+    }
     let materials = models.iter_mut().flat_map(|model| &mut model.materials);
     materials.for_each(|material| material.change(request));
     let recommended = models.iter().filter_map(|model| model.builtin.as_ref()).map(|b| b.subdivisions).max();

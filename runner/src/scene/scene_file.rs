@@ -116,6 +116,14 @@ impl SceneFile {
         })
     }
 
+    /// The materials that no model has, with their lines: most likely a name that is not spelled the same twice.
+    pub fn idle_materials(&self) -> impl Iterator<Item = (&str, usize)> {
+        let is_used =
+            |name: &str| self.models.iter().flat_map(|model| model.materials.names()).any(|n| n == name);
+        let named = self.materials.iter().map(|(name, material)| (name.as_str(), material.line));
+        named.filter(move |(name, _)| !is_used(name))
+    }
+
     /// What it says of the picture, the rest by default.
     pub fn settings(&self) -> Settings {
         let (render, camera, mut settings) = (&self.render, &self.camera, Settings::default());
