@@ -432,3 +432,121 @@ checked! {
 fn finite(x: f64) -> Option<f32> {
     Some(x as f32).filter(|x| x.is_finite())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str) -> SceneFile {
+        parse(Path::new("folder/scene.toml"), text).expect("sound")
+    }
+
+    const CUBE: &str = "[[model]]\nbuiltin = \"cube\"\n";
+
+    #[test]
+    fn every_key_of_the_picture_reaches_the_settings() {
+        let scene = parsed(&format!(
+            "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\nnormals = \"linear\"\n\
+             weld = \"off\"\nshade = \"uv\"\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
+             [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
+             [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
+        ));
+        assert_eq!((scene.samples, scene.subdivisions), (Some(7), Some(9)));
+        let Settings { view, lights, background, .. } = scene.settings();
+        let grey = linear_from_srgb(0.5);
+        let expected = Settings {
+            width: 3,
+            height: 5,
+            method: Method::GridWalk,
+            normals: Normals::Linear,
+            weld: Weld::Off,
+            shade: Shade::Uv,
+            shadows: false,
+            ambient: 0.25,
+            seed: 11,
+            view,
+            lights: lights.clone(),
+            background,
+            ..Settings::default()
+        };
+        assert_eq!(scene.settings(), expected);
+        assert_eq!(background, Some(Vec3::new(0.0, 1.0, grey)));
+        let vectors = [view.eye, view.target, view.up].map(Option::unwrap);
+        assert_eq!(vectors, [Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 5.0, 6.5), Vec3::Z]);
+        assert_eq!(view.fov, 50.0);
+        let plain = Light { position: Vec3::new(7.0, 8.0, 9.0), color: Vec3::ONE, intensity: None };
+        let second = Light { position: Vec3::ZERO, color: Vec3::new(2.0, 1.0, 0.0), intensity: Some(3.0) };
+        assert_eq!(lights, [plain, second]);
+    }
+
+    #[test]
+    fn what_is_left_out_is_the_default() {
+        let scene = parsed(CUBE);
+        assert_eq!(scene.settings(), Settings::default());
+        assert_eq!((scene.samples, scene.subdivisions, scene.models[0].line), (None, None, 1));
+        assert_eq!(scene.models[0].world_from_model, DAffine3::IDENTITY);
+        assert_eq!(scene.models[0].materials, MaterialChoice::Own);
+    }
+
+    #[test]
+    fn materials_say_what_stands_there_and_nothing_else() {
+        let scene = parsed(&format!(
+            "\n[material.a]\ncolor = \"c.png\"\nheight = \"sub/h.png\"\nzero = 0\nscale = -2\nwrap = \"mirror\"\n\
+             invert = true\n[material.b]\ncolor = [1, 0, 0]\nheight = \"none\"\n[material.c]\ncolor = \"none\"\n\
+             [material.d]\n{CUBE}material = \"a\"\n"
+        ));
+        let [a, b, c, d] = ["a", "b", "c", "d"].map(|name| &scene.materials[name]);
+        assert_eq!(a.color, Some(SceneColor::Map("folder/c.png".into())));
+        assert_eq!((a.height.clone(), a.wrap), (Some(Some("folder/sub/h.png".into())), Some(Wrap::Mirror)));
+        assert_eq!((a.zero, a.scale, a.invert, a.line), (Some(0.0), Some(-2.0), Some(true), 2));
+        assert_eq!((b.color.clone(), b.height.clone()), (Some(SceneColor::Plain(Vec3::X)), Some(None)));
+        assert_eq!(
+            (c.color.clone(), c.height.clone(), d.color.clone()),
+            (Some(SceneColor::None), None, None)
+        );
+        let idle: Vec<_> = scene.idle_materials().map(|(name, _)| name).collect();
+        assert_eq!(idle, ["b", "c", "d"]);
+    }
+
+    /// Scaled first, then turned about x, y, z in this order, then moved.
+    #[test]
+    fn transforms_are_applied_in_order() {
+        let moved = |keys: &str, point: DVec3| {
+            parsed(&format!("{CUBE}{keys}")).models[0].world_from_model.transform_point3(point).as_vec3()
+        };
+        // y gets 4, x turns it to z, y that to x.
+        let keys = "scale = [1, 4, 1]\nrotate = [90, 90, 0]\ntranslate = [1, 0, 0]\n";
+        // Sines and cosines of f64 are off by 1e-16 or so.
+        assert!(moved(keys, DVec3::Y).abs_diff_eq(Vec3::new(5.0, 0.0, 0.0), 1e-6));
+        // x turns y to z, where z leaves it.
+        assert!(moved("rotate = [90, 0, 90]\n", DVec3::Y).abs_diff_eq(Vec3::Z, 1e-6));
+        assert_eq!(moved("scale = -2\n", DVec3::ONE), Vec3::splat(-2.0));
+    }
+
+    /// The reader names all keys of a table where it meets another; the document has a row for each, and no others.
+    #[test]
+    fn every_key_is_documented() {
+        const DOCUMENT: &str = include_str!("../../../docs/SCENE.md");
+        for (heading, other) in [
+            ("[render]", "[render]\nother = 1"),
+            ("[camera]", "[camera]\nother = 1"),
+            ("[[light]]", "[[light]]\nother = 1"),
+            ("[material.NAME]", "[material.m]\nother = 1"),
+            ("[[model]]", "[[model]]\nother = 1"),
+        ] {
+            let (_, problem) = parse(Path::new(""), other).expect_err("no such key");
+            let message = problem.to_string();
+            let listed = message.split(';').next().unwrap_or("");
+            let mut keys: Vec<&str> = listed.split('`').skip(3).step_by(2).collect();
+            let section =
+                DOCUMENT.split("\n## ").find(|s| s.starts_with(&format!("`{heading}`"))).expect(heading);
+            let rows = section.lines().filter_map(|line| line.strip_prefix("| `"));
+            let cells = rows.filter_map(|row| row.split(" | ").next());
+            let mut documented: Vec<&str> =
+                cells.flat_map(|cell| cell.split("`, `")).map(|key| key.trim_end_matches('`')).collect();
+            keys.sort_unstable();
+            documented.sort_unstable();
+            assert_eq!(documented, keys, "{heading}: {message}");
+        }
+    }
+}
