@@ -14,8 +14,8 @@ use crate::displacement::height_pyramid::{build_word, height_bounds};
 use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
-    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, PyramidPart, Ray,
-    SeamSide, Seams, SortPass, Tile, Triangle, Vertex, counter,
+    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, Material, PointLight, PyramidPart,
+    Ray, SeamSide, Seams, SortPass, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
@@ -53,6 +53,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -68,6 +69,7 @@ pub fn render(
         seams,
         seam_sides,
         color_texels,
+        materials,
         lights,
     };
     let features = Features {
@@ -133,6 +135,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -149,6 +152,7 @@ pub fn trace_rays(
         seams,
         seam_sides,
         color_texels,
+        materials,
         lights,
     };
     let features = Features {
@@ -205,6 +209,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -221,6 +226,7 @@ pub fn bound_heights(
             seams,
             seam_sides,
             color_texels,
+            materials,
             lights,
         };
         let mut triangle = at(scene.triangles, i);
@@ -249,6 +255,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -265,6 +272,7 @@ pub fn decide_seams(
             seams: &*seams,
             seam_sides,
             color_texels,
+            materials,
             lights,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
@@ -291,6 +299,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -308,6 +317,7 @@ pub fn prism_bounds(
             seams,
             seam_sides,
             color_texels,
+            materials,
             lights,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);

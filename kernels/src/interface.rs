@@ -22,7 +22,7 @@ pub mod binding {
     pub const PRIMITIVES: u32 = 4;
     /// `[Displacement]`, one for each height map, read.
     pub const DISPLACEMENTS: u32 = 5;
-    /// `[u32]`: texels of the height maps, in [`height_format`](super::height_format), read.
+    /// `[u32]`: texels of the height maps, each in its [`height_format`](super::height_format), read.
     pub const HEIGHT_TEXELS: u32 = 6;
     /// `[u32]`: the height maps' min/max pyramids, see [`height_pyramid`](crate::displacement::height_pyramid);
     /// written by `height_pyramid`, read by the rest.
@@ -31,7 +31,7 @@ pub mod binding {
     pub const SEAMS: u32 = 8;
     /// `[SeamSide]`, read.
     pub const SEAM_SIDES: u32 = 9;
-    /// `[u32]`: texels of the colour map, in [`color_format`](super::color_format), read.
+    /// `[u32]`: texels of the colour maps, each in its [`color_format`](super::color_format), read.
     pub const COLOR_TEXELS: u32 = 10;
     /// `[PointLight]`, read.
     pub const LIGHTS: u32 = 11;
@@ -85,8 +85,10 @@ pub mod binding {
     pub const SMALL_TASKS: u32 = 35;
     /// `[u32]`: the treelets of small tasks.
     pub const TREELET_LISTS: u32 = 36;
+    /// `[Material]`, read.
+    pub const MATERIALS: u32 = 37;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 37;
+    pub const COUNT: u32 = 38;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -98,13 +100,13 @@ pub mod spec {
     pub const SHADE: u32 = 1;
     /// 1 where lights cast shadows.
     pub const SHADOWS: u32 = 2;
-    /// How the height map's texels are stored: [`height_format`](super::height_format).
+    /// How the height maps' texels are stored: [`height_format`](super::height_format).
     pub const HEIGHT_FORMAT: u32 = 3;
-    /// How the colour map's texels are stored: [`color_format`](super::color_format).
+    /// How the colour maps' texels are stored: [`color_format`](super::color_format).
     pub const COLOR_FORMAT: u32 = 4;
-    /// How texture coordinates outside [0,1) of the height map are read: [`wrap`](super::wrap).
+    /// How texture coordinates outside [0,1) of the height maps are read: [`wrap`](super::wrap).
     pub const HEIGHT_WRAP: u32 = 5;
-    /// The same for the colour map.
+    /// The same for the colour maps.
     pub const COLOR_WRAP: u32 = 6;
     /// 1 where work is counted, as in [`counter`](super::counter). Cap hits are counted regardless.
     pub const COUNTERS: u32 = 7;
@@ -152,7 +154,7 @@ pub mod shade {
     pub const STEPS: u32 = 5;
 }
 
-/// Values of [`spec::HEIGHT_FORMAT`].
+/// Values of [`spec::HEIGHT_FORMAT`] and, but for the last one, of [`Displacement::format`].
 pub mod height_format {
     /// Four 8-bit unsigned texels a word, the first in the lowest byte; 255 is 1.
     pub const UNORM8: u32 = 0;
@@ -160,20 +162,25 @@ pub mod height_format {
     pub const UNORM16: u32 = 1;
     /// One 32-bit float a word.
     pub const FLOAT32: u32 = 2;
+    /// Maps differ: each is stored as its [`Displacement::format`](super::Displacement::format) says.
+    pub const PER_MAP: u32 = 3;
 }
 
-/// Values of [`spec::COLOR_FORMAT`].
+/// Values of [`spec::COLOR_FORMAT`] and, but for the last one, of [`Material::color_format`].
 pub mod color_format {
-    /// No colour map: every surface has [`Frame::albedo`](super::Frame::albedo).
+    /// No colour map: the surface has its [`Material::albedo`](super::Material::albedo).
     pub const NONE: u32 = 0;
     /// The first 256 words are linear intensities (floats) of the 256 sRGB codes; then a word a texel, R in the
     /// lowest byte, then G, B, A. Alpha is not read.
     pub const SRGB8: u32 = 1;
     /// Three words a texel: R, G, B as 32-bit floats, linear.
     pub const FLOAT32: u32 = 2;
+    /// Materials differ: each says it in [`Material::color_format`](super::Material::color_format).
+    pub const PER_MATERIAL: u32 = 3;
 }
 
-/// Values of [`spec::HEIGHT_WRAP`] and [`spec::COLOR_WRAP`].
+/// Values of [`spec::HEIGHT_WRAP`], [`spec::COLOR_WRAP`] and, but for the last one, of [`Displacement::wrap`] and
+/// [`Material::color_wrap`].
 pub mod wrap {
     /// The map repeats.
     pub const REPEAT: u32 = 0;
@@ -181,6 +188,8 @@ pub mod wrap {
     pub const CLAMP: u32 = 1;
     /// The map repeats, each second copy mirrored.
     pub const MIRROR: u32 = 2;
+    /// Maps differ: each says it itself.
+    pub const PER_MAP: u32 = 3;
 }
 
 /// Indices into the counter buffer.
@@ -228,6 +237,10 @@ pub const MAX_PRIMITIVES: u32 = (1 << 25) - 1024;
 pub const MISS: u32 = u32::MAX;
 /// [`Triangle::flags`]: the stored order of vertices is clockwise seen from outside.
 pub const FLIPPED: u32 = 1;
+/// [`Triangle::flags`]: the lowest bit of the index of the triangle's [`Material`].
+const MATERIAL_SHIFT: u32 = 1;
+/// How many materials a scene can have.
+pub const MAX_MATERIALS: u32 = 1 << (32 - MATERIAL_SHIFT);
 /// [`Triangle::seams`] of a triangle whose neighbours agree with it all around.
 pub const NO_SEAMS: u32 = u32::MAX;
 
@@ -252,7 +265,8 @@ pub struct Vertex {
 pub struct Triangle {
     /// Indices of its three vertices, ascending.
     pub vertices: [u32; 3],
-    /// [`FLIPPED`] or 0.
+    /// [`FLIPPED`] or 0, and above that bit the index of its [`Material`]. Only shading needs that, so that it takes no
+    /// words of what traversal reads.
     pub flags: u32,
     /// Least height of its own field over it, rounded down:
     /// [`height_bounds`](crate::displacement::height_pyramid::height_bounds), which backends compute. Seams may have
@@ -362,6 +376,24 @@ pub struct Camera {
     pub padding3: u32,
 }
 
+/// What a surface looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Material {
+    /// Linear RGB without a colour map.
+    pub albedo: Vec3,
+    /// How its colour map's texels are stored: [`color_format`].
+    pub color_format: u32,
+    /// Width of the colour map in texels.
+    pub color_width: u32,
+    /// Height of the colour map in texels.
+    pub color_height: u32,
+    /// How the colour map goes on beyond its borders: [`wrap`].
+    pub color_wrap: u32,
+    /// The colour map's first word in the buffer of colour texels.
+    pub first_word: u32,
+}
+
 /// A height map and what it does: height = `scale * (texel - zero)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -382,6 +414,10 @@ pub struct Displacement {
     pub first_word: u32,
     /// Word of its pyramid's first range in the buffer of height ranges.
     pub first_range: u32,
+    /// How its texels are stored: [`height_format`].
+    pub format: u32,
+    /// How the map goes on beyond its borders: [`wrap`].
+    pub wrap: u32,
 }
 
 /// What all pixels of a picture share.
@@ -398,18 +434,12 @@ pub struct Frame {
     pub seed: u32,
     /// How many lights.
     pub light_count: u32,
-    /// Linear RGB of a surface without a colour map.
-    pub albedo: Vec3,
-    /// Light that reaches every point, as a share of full light.
-    pub ambient: f32,
     /// Linear RGB behind the surface.
     pub background: Vec3,
     /// 1 where the background is opaque, 0 where it is transparent.
     pub background_alpha: f32,
-    /// Width of the colour map in texels.
-    pub color_width: u32,
-    /// Height of the colour map in texels.
-    pub color_height: u32,
+    /// Light that reaches every point, as a share of full light.
+    pub ambient: f32,
     /// How many triangles; the BVH is not read where there are none.
     pub triangle_count: u32,
     /// [`shade::STEPS`]: the count that is shown red.
@@ -421,7 +451,35 @@ pub struct Frame {
     /// Greatest height of all maps, rounded up.
     pub height_max: f32,
     /// Unused.
-    pub padding: u32,
+    pub padding: [u32; 2],
+}
+
+impl Triangle {
+    /// Index of its [`Material`].
+    #[inline]
+    pub fn material(&self) -> u32 {
+        self.flags >> MATERIAL_SHIFT
+    }
+
+    /// The same triangle of another material, below [`MAX_MATERIALS`].
+    #[inline]
+    pub fn with_material(self, material: u32) -> Triangle {
+        Triangle { flags: self.flags & FLIPPED | material << MATERIAL_SHIFT, ..self }
+    }
+}
+
+impl Displacement {
+    /// How the map's texels are stored, `known` being what a pipeline knows of all maps.
+    #[inline]
+    pub fn known_format(&self, known: u32) -> u32 {
+        if known == height_format::PER_MAP { self.format } else { known }
+    }
+
+    /// How the map goes on beyond its borders, `known` being what a pipeline knows of all maps.
+    #[inline]
+    pub fn known_wrap(&self, known: u32) -> u32 {
+        if known == wrap::PER_MAP { self.wrap } else { known }
+    }
 }
 
 /// What one dispatch of `render` does, as push constants.
@@ -565,8 +623,9 @@ const _: () = {
     assert!(size_of::<BvhNode>() == 32);
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);
-    assert!(size_of::<Displacement>() == 32);
-    assert!(size_of::<Frame>() == 144);
+    assert!(size_of::<Material>() == 32);
+    assert!(size_of::<Displacement>() == 40);
+    assert!(size_of::<Frame>() == 128);
     assert!(size_of::<Tile>() == 20);
     assert!(size_of::<Batch>() == 12);
     assert!(size_of::<PyramidPart>() == 16);

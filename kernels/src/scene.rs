@@ -1,6 +1,8 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
-use crate::interface::{BvhNode, Displacement, Frame, PointLight, SeamSide, Seams, Triangle, Vertex};
+use crate::interface::{
+    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Triangle, Vertex,
+};
 
 /// The buffers of a scene, as bound by the backend.
 #[derive(Clone, Copy)]
@@ -25,8 +27,10 @@ pub struct SceneView<'a> {
     pub seams: &'a [Seams],
     /// The sides of seams.
     pub seam_sides: &'a [SeamSide],
-    /// The colour map.
+    /// The colour maps.
     pub color_texels: &'a [u32],
+    /// What surfaces look like.
+    pub materials: &'a [Material],
     /// The lights.
     pub lights: &'a [PointLight],
 }

@@ -6,7 +6,7 @@ use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
-use crate::interface::{color_format, method, shade};
+use crate::interface::{color_format, method, shade, wrap};
 use crate::math::{at, cross, dot, gamma, max_abs, next_down, next_up};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
@@ -25,6 +25,8 @@ pub struct SurfaceInteraction {
     pub ng: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
+    /// Index of its [`Material`](crate::interface::Material).
+    pub material: u32,
     /// Height that the triangle's own map gives there, in model units (seams may decide another); 0 where nothing is
     /// displaced.
     pub height: f32,
@@ -61,6 +63,7 @@ impl SurfaceInteraction {
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng: if base.flipped { -n } else { n },
             uv,
+            material: base.material,
             height: if features.method == method::NONE { 0.0 } else { field.height(&base.map, uv) },
         }
     }
@@ -135,13 +138,7 @@ fn lit(
     counts: &mut Counts,
 ) -> Vec3 {
     let frame = scene.frame;
-    let albedo = if features.color_format == color_format::NONE {
-        frame.albedo
-    } else {
-        let (width, height) = (frame.color_width, frame.color_height);
-        let (format, wrap) = (features.color_format, features.color_wrap);
-        sample_color(scene.color_texels, format, wrap, width, height, surface.uv)
-    };
+    let albedo = albedo(scene, features, surface);
     let facing = if dot(ray.direction, surface.ng) > 0.0 { -surface.ng } else { surface.ng };
     let mut light = Vec3::splat(frame.ambient);
     let mut i = 0;
@@ -161,6 +158,20 @@ fn lit(
         i += 1;
     }
     albedo * light
+}
+
+/// Linear RGB of the surface.
+#[inline]
+fn albedo(scene: &SceneView<'_>, features: Features, surface: &SurfaceInteraction) -> Vec3 {
+    let material = at(scene.materials, surface.material);
+    let per_material = features.color_format == color_format::PER_MATERIAL;
+    let format = if per_material { material.color_format } else { features.color_format };
+    let wrap = if features.color_wrap == wrap::PER_MAP { material.color_wrap } else { features.color_wrap };
+    if format == color_format::NONE {
+        material.albedo
+    } else {
+        sample_color(scene.color_texels, format, wrap, &material, surface.uv)
+    }
 }
 
 /// Whether the displaced surface stands between a hit and a light.
@@ -201,7 +212,7 @@ fn heat(x: f32) -> Vec3 {
 mod tests {
     use super::*;
     use crate::film::Sample;
-    use crate::interface::{MISS, Ray};
+    use crate::interface::{MISS, Material, Ray};
     use crate::render::{sample_pixel, trace_ray};
     use crate::test_scene::{FLAT, TestScene};
 
@@ -213,7 +224,34 @@ mod tests {
     fn full_ambient_light_shows_the_albedo() {
         let mut scene = TestScene::squares(&[0.0]);
         scene.frame.ambient = 1.0;
-        assert_eq!(sample(&scene, FLAT), Sample { radiance: scene.frame.albedo, alpha: 1.0 });
+        assert_eq!(sample(&scene, FLAT), Sample { radiance: scene.materials[0].albedo, alpha: 1.0 });
+    }
+
+    /// With what is known of all materials, and where each is asked.
+    #[test]
+    fn a_triangle_shows_its_own_material() {
+        let mut scene = TestScene::squares(&[0.0]);
+        scene.frame.ambient = 1.0;
+        scene.color_texels = [9.0_f32, 0.25, 0.5, 0.75].map(f32::to_bits).to_vec();
+        let (color_format, color_wrap) = (color_format::FLOAT32, wrap::MIRROR);
+        scene.materials.push(Material { albedo: Vec3::X, ..Material::default() });
+        scene.materials.push(Material {
+            color_format,
+            color_wrap,
+            color_width: 1,
+            color_height: 1,
+            first_word: 1,
+            ..Material::default()
+        });
+        let mut shown = |material, features| {
+            scene.triangles.iter_mut().for_each(|triangle| *triangle = triangle.with_material(material));
+            sample(&scene, features).radiance
+        };
+        assert_eq!(shown(1, FLAT), Vec3::X);
+        let of_texel = Vec3::new(0.25, 0.5, 0.75);
+        assert_eq!(shown(2, Features { color_format, color_wrap, ..FLAT }), of_texel);
+        let asked = Features { color_format: color_format::PER_MATERIAL, color_wrap: wrap::PER_MAP, ..FLAT };
+        assert_eq!([0, 1, 2].map(|i| shown(i, asked)), [Vec3::new(0.5, 0.25, 1.0), Vec3::X, of_texel]);
     }
 
     #[test]
@@ -235,7 +273,8 @@ mod tests {
             let direction = scene.frame.camera.ray_direction(jitter);
             let point = scene.frame.camera.eye - direction * (5.0 / direction.z);
             let to_light = (position - point).as_dvec3();
-            let expected = scene.frame.albedo.as_dvec3() * 7.0 * (to_light.z / to_light.length().powi(3));
+            let expected =
+                scene.materials[0].albedo.as_dvec3() * 7.0 * (to_light.z / to_light.length().powi(3));
             let got = sample(&scene, FLAT).radiance.as_dvec3();
             // Some 20 roundings, none amplified.
             assert!(
@@ -305,6 +344,7 @@ mod tests {
             point_error: Vec3::new(1e-5, 1e-6, 1e-6),
             ng: Vec3::new(0.6, 0.0, 0.8),
             uv: Vec2::ZERO,
+            material: 0,
             height: 0.0,
         };
         for direction in [surface.ng, -surface.ng] {

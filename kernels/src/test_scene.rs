@@ -1,8 +1,8 @@
 //! Small scenes for unit tests.
 
 use crate::interface::{
-    BvhNode, Camera, Displacement, FLIPPED, Frame, NO_SEAMS, PointLight, SeamSide, Seams, Triangle, Vertex,
-    height_format, method,
+    BvhNode, Camera, Displacement, FLIPPED, Frame, Material, NO_SEAMS, PointLight, SeamSide, Seams, Triangle,
+    Vertex, height_format, method,
 };
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
@@ -21,6 +21,7 @@ pub(crate) struct TestScene {
     pub(crate) seams: Vec<Seams>,
     pub(crate) seam_sides: Vec<SeamSide>,
     pub(crate) color_texels: Vec<u32>,
+    pub(crate) materials: Vec<Material>,
     pub(crate) lights: Vec<PointLight>,
 }
 
@@ -63,6 +64,7 @@ impl TestScene {
         scene.primitives = (0..count).collect();
         scene.nodes.push(BvhNode { min: Vec3::splat(-9.0), first: 0, max: Vec3::splat(9.0), count });
         scene.displacements.push(Displacement { map_width: 1, map_height: 1, ..Displacement::default() });
+        scene.materials.push(Material { albedo: Vec3::new(0.5, 0.25, 1.0), ..Material::default() });
         scene.frame = Frame {
             camera: Camera {
                 eye: Vec3::new(0.0, 0.0, 5.0),
@@ -74,7 +76,6 @@ impl TestScene {
             subdivisions: 1,
             width: 1,
             height: 1,
-            albedo: Vec3::new(0.5, 0.25, 1.0),
             triangle_count: count,
             ..Frame::default()
         };
@@ -109,6 +110,7 @@ impl TestScene {
             seams: &self.seams,
             seam_sides: &self.seam_sides,
             color_texels: &self.color_texels,
+            materials: &self.materials,
             lights: &self.lights,
         }
     }

@@ -1,6 +1,6 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
-use crate::interface::{Displacement, color_format, height_format, wrap};
+use crate::interface::{Displacement, Material, color_format, height_format, wrap};
 use crate::math::{at, floor, fma};
 use glam::{Vec2, Vec3};
 
@@ -96,18 +96,18 @@ pub fn sample_height(texels: &[u32], format: u32, mode: u32, map: &Displacement,
     lerp(f.fy, top, bottom)
 }
 
-/// Texel `i` of a colour map, linear RGB.
+/// Texel `i` of a colour map that begins at word `first`, linear RGB.
 #[inline]
-fn color_texel(texels: &[u32], format: u32, i: u32) -> Vec3 {
+fn color_texel(texels: &[u32], format: u32, first: u32, i: u32) -> Vec3 {
     if format == color_format::SRGB8 {
-        let code = at(texels, 256 + i);
+        let code = at(texels, first + 256 + i);
         Vec3::new(
-            f32::from_bits(at(texels, code & 0xff)),
-            f32::from_bits(at(texels, (code >> 8) & 0xff)),
-            f32::from_bits(at(texels, (code >> 16) & 0xff)),
+            f32::from_bits(at(texels, first + (code & 0xff))),
+            f32::from_bits(at(texels, first + (code >> 8 & 0xff))),
+            f32::from_bits(at(texels, first + (code >> 16 & 0xff))),
         )
     } else {
-        let first = 3 * i;
+        let first = first + 3 * i;
         Vec3::new(
             f32::from_bits(at(texels, first)),
             f32::from_bits(at(texels, first + 1)),
@@ -116,13 +116,13 @@ fn color_texel(texels: &[u32], format: u32, i: u32) -> Vec3 {
     }
 }
 
-/// The bilinearly filtered linear RGB of a colour map at (u, v), which must be finite.
+/// The bilinearly filtered linear RGB of a material's colour map at (u, v), which must be finite.
 #[inline]
-pub fn sample_color(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> Vec3 {
-    let f = footprint(uv, width, height, mode);
-    let top = color_texel(texels, format, f.texels[0]).lerp(color_texel(texels, format, f.texels[1]), f.fx);
-    let bottom =
-        color_texel(texels, format, f.texels[2]).lerp(color_texel(texels, format, f.texels[3]), f.fx);
+pub fn sample_color(texels: &[u32], format: u32, mode: u32, material: &Material, uv: Vec2) -> Vec3 {
+    let f = footprint(uv, material.color_width, material.color_height, mode);
+    let texel = |i: usize| color_texel(texels, format, material.first_word, f.texels[i]);
+    let top = texel(0).lerp(texel(1), f.fx);
+    let bottom = texel(2).lerp(texel(3), f.fx);
     top.lerp(bottom, f.fy)
 }
 
@@ -211,17 +211,15 @@ mod tests {
 
     #[test]
     fn colours_come_through_the_table_or_as_floats() {
-        let mut texels: Vec<u32> = (0..256).map(|code| (code as f32 * 2.0).to_bits()).collect();
+        // The float map first, so that the other's table and texels begin behind it.
+        let mut texels = [0.5_f32, 0.25, 4.0].map(f32::to_bits).to_vec();
+        texels.extend((0..256).map(|code| (code as f32 * 2.0).to_bits()));
         texels.push(u32::from_le_bytes([1, 2, 3, 255]));
-        let centre = Vec2::splat(0.5);
-        assert_eq!(
-            sample_color(&texels, color_format::SRGB8, wrap::REPEAT, 1, 1, centre),
-            Vec3::new(2.0, 4.0, 6.0)
-        );
-        let floats = [0.5_f32, 0.25, 4.0].map(f32::to_bits);
-        assert_eq!(
-            sample_color(&floats, color_format::FLOAT32, wrap::REPEAT, 1, 1, centre),
-            Vec3::new(0.5, 0.25, 4.0)
-        );
+        let sample = |format, first_word| {
+            let map = Material { color_width: 1, color_height: 1, first_word, ..Material::default() };
+            sample_color(&texels, format, wrap::REPEAT, &map, Vec2::splat(0.5))
+        };
+        assert_eq!(sample(color_format::SRGB8, 3), Vec3::new(2.0, 4.0, 6.0));
+        assert_eq!(sample(color_format::FLOAT32, 0), Vec3::new(0.5, 0.25, 4.0));
     }
 }

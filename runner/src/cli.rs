@@ -16,6 +16,7 @@ use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
+use crate::scene::scene_file::SceneFile;
 use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
@@ -29,6 +30,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tracing::level_filters::LevelFilter;
+
+/// Samples of a pixel unless said otherwise.
+const SAMPLES: u32 = 4;
 
 /// Ray tracer for displacement-mapped triangle meshes that never tessellates them
 #[derive(Debug, Parser)]
@@ -56,7 +60,8 @@ enum Command {
 /// stands in for them is printed.
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
-    /// OBJ file, or builtin:knot, builtin:cube, builtin:quilt [default: builtin:knot]
+    /// OBJ file, scene file (.toml, see docs/SCENE.md), or builtin:knot, builtin:cube, builtin:quilt [default:
+    /// builtin:knot]
     #[arg(value_parser = values::model())]
     model: Option<ModelArgument>,
     /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, else none]
@@ -83,24 +88,24 @@ struct RenderArgs {
     /// Bits a channel of a PNG: 8 or 16 [default: 8]
     #[arg(long, value_name = "BITS", value_parser = values::png_format)]
     depth: Option<PictureFormat>,
-    /// Size of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "960x720", value_parser = values::size)]
-    size: (u32, u32),
-    /// Samples of each pixel
-    #[arg(long, value_name = "COUNT", default_value = "4", value_parser = values::samples)]
-    samples: u32,
-    /// How displaced triangles are intersected
-    #[arg(long, value_enum, default_value_t = Method::Quadtree)]
-    method: Method,
-    /// Direction in which heights are measured
-    #[arg(long, value_enum, default_value_t = Normals::Normalized)]
-    normals: Normals,
-    /// What becomes of edges where neighbours disagree on normals or texture coordinates
-    #[arg(long, value_enum, default_value_t = Weld::On)]
-    weld: Weld,
-    /// What pixels show
-    #[arg(long, value_enum, default_value_t = Shade::Lit)]
-    shade: Shade,
+    /// Size of the picture in pixels [default: 960x720]
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    size: Option<(u32, u32)>,
+    /// Samples of each pixel [default: 4]
+    #[arg(long, value_name = "COUNT", value_parser = values::samples)]
+    samples: Option<u32>,
+    /// How displaced triangles are intersected [default: quadtree]
+    #[arg(long, value_enum)]
+    method: Option<Method>,
+    /// Direction in which heights are measured [default: normalized]
+    #[arg(long, value_enum)]
+    normals: Option<Normals>,
+    /// What becomes of edges where neighbours disagree on normals or texture coordinates [default: on]
+    #[arg(long, value_enum)]
+    weld: Option<Weld>,
+    /// What pixels show [default: lit]
+    #[arg(long, value_enum)]
+    shade: Option<Shade>,
     /// What renders: auto takes a graphics card, else the CPU
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
     backend: BackendChoice,
@@ -116,9 +121,9 @@ struct RenderArgs {
     /// Direction that is up in the picture [default: 0,1,0]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     up: Option<Vec3>,
-    /// Angle between the picture's upper and lower edge, in degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = View::FOV, value_parser = values::fov)]
-    fov: f32,
+    /// Angle between the picture's upper and lower edge, in degrees [default: 35]
+    #[arg(long, value_name = "DEGREES", value_parser = values::fov)]
+    fov: Option<f32>,
     /// Point light: position, linear colour (white), intensity (irradiance times squared distance; as much as makes
     /// white look white in the middle of the picture). May be repeated [default: the built-in's, else one over the
     /// viewer's left shoulder]
@@ -132,15 +137,15 @@ struct RenderArgs {
     /// Lights cast no shadows
     #[arg(long)]
     no_shadows: bool,
-    /// How maps are read outside [0,1)
-    #[arg(long, value_enum, default_value_t = Wrap::Repeat)]
-    wrap: Wrap,
+    /// How all maps are read outside [0,1) [default: as their materials say, else repeat]
+    #[arg(long, value_enum)]
+    wrap: Option<Wrap>,
     /// Turn the height map upside down: white is low
     #[arg(long)]
     invert: bool,
-    /// Seed of the random numbers: the same seed gives the same picture
-    #[arg(long, default_value_t = 0)]
-    seed: u32,
+    /// Seed of the random numbers: the same seed gives the same picture [default: 0]
+    #[arg(long)]
+    seed: Option<u32>,
     /// Write statistics as JSON; counting them takes a little time
     #[arg(long, value_name = "FILE")]
     stats: Option<PathBuf>,
@@ -151,9 +156,9 @@ struct RenderArgs {
     /// [default: transparent]
     #[arg(long, value_name = "R,G,B", value_parser = values::background, allow_hyphen_values = true)]
     background: Option<Vec3>,
-    /// Light that reaches every point, as a share of full light
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = values::not_negative)]
-    ambient: f32,
+    /// Light that reaches every point, as a share of full light [default: 0.1]
+    #[arg(long, value_name = "SHARE", value_parser = values::not_negative)]
+    ambient: Option<f32>,
     /// Say nothing but errors
     #[arg(short, long, conflicts_with = "verbose")]
     quiet: bool,
@@ -203,7 +208,9 @@ impl CliError {
             | CliError::DeviceWithCpu
             | CliError::StatsOverPicture(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
-            | CliError::Input(InputError::UnknownBuiltin { .. })
+            | CliError::Input(
+                InputError::UnknownBuiltin { .. } | InputError::Scene(SceneError::SceneFile { .. }),
+            )
             | CliError::Render(RenderError::Framing(_)) => 2,
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
             CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
@@ -329,21 +336,21 @@ impl RenderArgs {
             }
             Stats::check(path)?;
         }
-        let mut settings = self.settings();
+        let model = self.model.clone().unwrap_or_default();
+        let scene_file = match &model {
+            ModelArgument::Scene(path) => Some(SceneFile::read(path)?),
+            _ => None,
+        };
+        let mut settings = self.settings(scene_file.as_ref().map(SceneFile::settings).unwrap_or_default());
+        let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
         check_memory(&settings)?;
         let interrupt = Interrupt::install();
         let mut backend = self.open_backend()?;
 
-        let inputs = self.inputs(&mut settings)?;
+        let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(
-            &settings,
-            self.samples,
-            scene.reliefs[0].zero,
-            scene.reliefs[0].scale,
-            scene.subdivisions,
-        );
+        let used = SettingsUsed::new(&settings, samples, &scene);
         let mut job = prepare(scene, &settings)?;
         load(backend.as_mut(), &mut job)?;
         let build = backend.build_report();
@@ -360,7 +367,7 @@ impl RenderArgs {
 
         tracing::debug!("rendering on {}", backend.device().name);
         let bar = progress::bar(self.quiet);
-        let rendering = render(backend.as_mut(), &job, self.samples, &mut |share| {
+        let rendering = render(backend.as_mut(), &job, samples, &mut |share| {
             bar.set_position(progress::position(f64::from(share)));
             if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
@@ -374,7 +381,7 @@ impl RenderArgs {
         if rendering.interrupted {
             return Err(CliError::Interrupted(destination.path));
         }
-        self.report_done(&destination, &rendering, backend.device());
+        self.report_done(&destination, &rendering, samples, backend.device());
         Ok(())
     }
 
@@ -396,21 +403,30 @@ impl RenderArgs {
         Ok(destination)
     }
 
-    fn settings(&self) -> Settings {
+    /// What is given here, else what stands in `base`: a scene file's settings, or the defaults.
+    fn settings(&self, base: Settings) -> Settings {
+        let (width, height) = self.size.unwrap_or((base.width, base.height));
+        let view = View {
+            eye: self.eye.or(base.view.eye),
+            target: self.target.or(base.view.target),
+            up: self.up.or(base.view.up),
+            fov: self.fov.unwrap_or(base.view.fov),
+            ..base.view
+        };
         Settings {
-            width: self.size.0,
-            height: self.size.1,
-            method: self.method,
-            normals: self.normals,
-            weld: self.weld,
-            shade: self.shade,
-            shadows: !self.no_shadows,
-            wrap: self.wrap,
-            view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },
-            lights: self.lights.clone(),
-            ambient: self.ambient,
-            background: self.background,
-            seed: self.seed,
+            width,
+            height,
+            method: self.method.unwrap_or(base.method),
+            normals: self.normals.unwrap_or(base.normals),
+            weld: self.weld.unwrap_or(base.weld),
+            shade: self.shade.unwrap_or(base.shade),
+            shadows: base.shadows && !self.no_shadows,
+            wrap: self.wrap.unwrap_or(base.wrap),
+            view,
+            lights: if self.lights.is_empty() { base.lights } else { self.lights.clone() },
+            ambient: self.ambient.unwrap_or(base.ambient),
+            background: self.background.or(base.background),
+            seed: self.seed.unwrap_or(base.seed),
             counting: self.stats.is_some(),
         }
     }
@@ -423,15 +439,22 @@ impl RenderArgs {
     }
 
     /// Loads what the six arguments name; a built-in scene also brings its view and its lights.
-    fn inputs(&self, settings: &mut Settings) -> Result<Inputs, CliError> {
+    fn inputs(
+        &self,
+        model: &ModelArgument,
+        scene: Option<&SceneFile>,
+        settings: &mut Settings,
+    ) -> Result<Inputs, CliError> {
         let inputs = inputs::load(&inputs::Request {
-            model: self.model.clone().unwrap_or_default(),
+            model,
+            scene,
             color: self.color.clone().unwrap_or_default(),
             height: self.height.clone().unwrap_or_default(),
             zero: self.zero.and_then(values::OrDefault::given),
             scale: self.scale.and_then(values::OrDefault::given),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
+            wrap: self.wrap,
         })?;
         if let Some((from, up)) = inputs.view {
             (settings.view.from, settings.view.usual_up) = (from, up);
@@ -456,7 +479,13 @@ impl RenderArgs {
         say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
     }
 
-    fn report_done(&self, destination: &Destination, rendering: &Rendering, device: &DeviceInfo) {
+    fn report_done(
+        &self,
+        destination: &Destination,
+        rendering: &Rendering,
+        samples: u32,
+        device: &DeviceInfo,
+    ) {
         if self.quiet {
             return;
         }
@@ -465,7 +494,7 @@ impl RenderArgs {
             destination.path.display(),
             rendering.picture.width,
             rendering.picture.height,
-            self.samples,
+            samples,
             rendering.elapsed.as_secs_f64(),
             device.name,
             device.backend

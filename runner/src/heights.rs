@@ -1,36 +1,54 @@
 //! The height maps of a scene as the kernels read them: texels one map behind the other, with room for a min/max pyramid
 //! of each, which backends build.
 
-use crate::scene::{HeightMap, Relief};
+use crate::render::RenderError;
+use crate::scene::Relief;
+use crate::settings::Wrap;
 use emboss_kernels::displacement::height_pyramid::{
     Pyramid, level_offset, level_words, pyramid_words, top_level,
 };
-use emboss_kernels::interface::{Displacement, height_format};
+use emboss_kernels::interface::{Displacement, height_format, wrap};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Packed height maps.
 #[derive(Clone, Debug, Default)]
 pub struct Heights {
     /// One for each relief.
     pub displacements: Vec<Displacement>,
-    /// Texels of all maps, in `format`.
+    /// Texels of all maps.
     pub texels: Vec<u32>,
-    /// One of [`height_format`]: the maps' own where they have the same, else floats.
+    /// What pipelines know of formats: that of all maps, or [`height_format::PER_MAP`].
     pub format: u32,
+    /// What they know of wraps: that of all maps, or [`wrap::PER_MAP`].
+    pub wrap: u32,
 }
 
 impl Heights {
-    /// Packs the maps of `reliefs`, at least one. Without `displaced` heights are all zero.
-    pub fn pack(reliefs: Vec<Relief>, displaced: bool) -> Heights {
-        let format = common_format(&reliefs);
-        let mut heights = Heights { format, ..Heights::default() };
-        let (mut first_word, mut first_range) = (0, 0);
-        for relief in reliefs {
-            let map = if relief.map.format == format { relief.map } else { floats(&relief.map) };
+    /// Packs the maps of `reliefs`, each once however many share it; those that share its wrap too share its pyramid.
+    /// Without `displaced` heights are all zero. `usual_wrap` is that of reliefs that do not say theirs.
+    ///
+    /// # Errors
+    /// [`RenderError::MapsTooLarge`] where maps or pyramids are more than 32 bits can number.
+    pub fn pack(reliefs: Vec<Relief>, displaced: bool, usual_wrap: Wrap) -> Result<Heights, RenderError> {
+        let wrap_of = |relief: &Relief| relief.wrap.unwrap_or(usual_wrap).id();
+        let mut displacements: Vec<Displacement> = Vec::with_capacity(reliefs.len());
+        let (mut words, mut range_words) = (0, 0);
+        for (i, relief) in reliefs.iter().enumerate() {
+            let (map, wrap) = (&relief.map, wrap_of(relief));
+            let same_map = (0..i).filter(|&other| Arc::ptr_eq(&reliefs[other].map, map));
+            let first_word = match same_map.clone().next() {
+                Some(other) => displacements[other].first_word,
+                None => grown(&mut words, map.texels.len() as u64)?,
+            };
+            let first_range = match same_map.clone().find(|&other| displacements[other].wrap == wrap) {
+                Some(other) => displacements[other].first_range,
+                None => grown(&mut range_words, pyramid_words(map.format, map.width, map.height).into())?,
+            };
             let scale = if displaced { relief.scale } else { 0.0 };
             let (height_min, height_max) =
                 Displacement::height_range(map.range.0, map.range.1, relief.zero, scale);
-            heights.displacements.push(Displacement {
+            displacements.push(Displacement {
                 scale,
                 zero: relief.zero,
                 map_width: map.width,
@@ -39,30 +57,42 @@ impl Heights {
                 height_max,
                 first_word,
                 first_range,
+                format: map.format,
+                wrap,
             });
-            first_word = sum(first_word, word(map.texels.len()));
-            first_range = sum(first_range, pyramid_words(format, map.width, map.height));
-            if heights.texels.is_empty() {
-                heights.texels = map.texels;
-            } else {
-                heights.texels.extend(map.texels);
+        }
+        let format = common(displacements.iter().map(|map| map.format), height_format::PER_MAP);
+        let wrap = common(displacements.iter().map(|map| map.wrap), wrap::PER_MAP);
+        let mut texels = Vec::new();
+        for (relief, map) in reliefs.into_iter().zip(&displacements) {
+            if texels.is_empty() {
+                texels = Arc::unwrap_or_clone(relief.map).texels;
+            } else if map.first_word as usize == texels.len() {
+                texels.extend_from_slice(&relief.map.texels);
             }
         }
-        heights
+        Ok(Heights { displacements, texels, format, wrap })
     }
 }
 
-/// Builds the pyramids of `displacements`, whose texels are in `format` and which go on as `wrap` says, where they name
-/// their places in `ranges`: level by level, each of them in parallel.
-pub fn build_pyramids(
-    displacements: &[Displacement],
-    texels: &[u32],
-    ranges: &mut [u32],
-    format: u32,
-    wrap: u32,
-) {
-    for map in displacements {
-        let (width, height) = (map.map_width, map.map_height);
+/// The maps that pyramids are built of, with their indices: of those that share a pyramid the first.
+pub fn pyramids(displacements: &[Displacement]) -> impl Iterator<Item = (u32, &Displacement)> {
+    let mut end = 0;
+    (0..).zip(displacements).filter(move |(_, map)| {
+        let is_new = u64::from(map.first_range) >= end;
+        if is_new {
+            let words = pyramid_words(map.format, map.map_width, map.map_height);
+            end = u64::from(map.first_range) + u64::from(words);
+        }
+        is_new
+    })
+}
+
+/// Builds the pyramids of `displacements` where they name their places in `ranges`: level by level, each of them in
+/// parallel.
+pub fn build_pyramids(displacements: &[Displacement], texels: &[u32], ranges: &mut [u32]) {
+    for (_, map) in pyramids(displacements) {
+        let (width, height, format, wrap) = (map.map_width, map.map_height, map.format, map.wrap);
         for level in 1..=top_level(width, height) {
             let offset = level_offset(format, width, height, level);
             let pyramid = Pyramid { texels, ranges, map: *map, format, wrap };
@@ -82,26 +112,64 @@ pub fn range(displacements: &[Displacement]) -> (f32, f32) {
     })
 }
 
-/// The format that all maps have, else floats.
-fn common_format(reliefs: &[Relief]) -> u32 {
-    let mut formats = reliefs.iter().map(|relief| relief.map.format);
-    let first = formats.next().unwrap_or(height_format::FLOAT32);
-    if formats.all(|format| format == first) { first } else { height_format::FLOAT32 }
+/// What all of some values are, `mixed` where they differ; 0 of none.
+pub(crate) fn common(mut values: impl Iterator<Item = u32>, mixed: u32) -> u32 {
+    let first = values.next().unwrap_or(0);
+    if values.all(|value| value == first) { first } else { mixed }
 }
 
-/// The same map as floats.
-fn floats(map: &HeightMap) -> HeightMap {
-    let texels =
-        (0..map.height).flat_map(|y| (0..map.width).map(move |x| map.texel(x, y).to_bits())).collect();
-    HeightMap { format: height_format::FLOAT32, texels, ..map.clone() }
+/// Adds `more` words to a buffer that has `words`; returns where they begin.
+pub(crate) fn grown(words: &mut u32, more: u64) -> Result<u32, RenderError> {
+    let first = *words;
+    let sum = u64::from(first) + more;
+    *words = u32::try_from(sum).map_err(|_| RenderError::MapsTooLarge { words: sum })?;
+    Ok(first)
 }
 
-/// A number of words so far and more.
-fn sum(words: u32, more: u32) -> u32 {
-    words.checked_add(more).expect("height maps of fewer than 2^32 words")
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::HeightMap;
 
-/// A number of words; maps of one scene have fewer than 2^32.
-fn word(count: usize) -> u32 {
-    u32::try_from(count).expect("height maps of fewer than 2^32 words")
+    fn map(format: u32, words: usize) -> Arc<HeightMap> {
+        let texels = vec![0; words];
+        Arc::new(HeightMap { width: 4, height: 2, format, texels, range: (0.0, 1.0), replaced: 0 })
+    }
+
+    #[test]
+    fn maps_are_packed_once_and_so_are_pyramids_of_one_wrap() {
+        let (a, b) = (map(height_format::UNORM8, 2), map(height_format::FLOAT32, 8));
+        let relief =
+            |map: &Arc<HeightMap>, wrap, scale| Relief { wrap, ..Relief::new(Arc::clone(map), 0.0, scale) };
+        let reliefs = vec![
+            relief(&a, None, 1.0),
+            relief(&b, Some(Wrap::Clamp), 1.0),
+            relief(&a, Some(Wrap::Mirror), 1.0),
+            relief(&a, Some(Wrap::Repeat), 2.0),
+        ];
+        let heights = Heights::pack(reliefs, true, Wrap::Repeat).expect("small");
+        let places: Vec<_> =
+            heights.displacements.iter().map(|map| (map.first_word, map.first_range)).collect();
+        let words = |map: &HeightMap| pyramid_words(map.format, 4, 2);
+        let (first, second) = (words(&a), words(&a) + words(&b));
+        assert_eq!(places, [(0, 0), (2, first), (0, second), (0, 0)]);
+        assert_eq!(heights.texels.len(), 10);
+        assert_eq!((heights.format, heights.wrap), (height_format::PER_MAP, wrap::PER_MAP));
+        let built: Vec<_> = pyramids(&heights.displacements).map(|(i, _)| i).collect();
+        assert_eq!(built, [0, 1, 2]);
+    }
+
+    #[test]
+    fn what_is_alike_is_known() {
+        let reliefs = [0.1, 0.2].map(|scale| Relief::new(map(height_format::UNORM16, 4), 0.0, scale)).into();
+        let heights = Heights::pack(reliefs, true, Wrap::Mirror).expect("small");
+        assert_eq!((heights.format, heights.wrap), (height_format::UNORM16, wrap::MIRROR));
+    }
+
+    #[test]
+    fn more_words_than_32_bits_number_are_an_error() {
+        let mut words = 5;
+        assert_eq!(grown(&mut words, u64::from(u32::MAX) - 5).expect("fits"), 5);
+        assert!(grown(&mut words, 1).expect_err("one too many").to_string().contains("4294967296 words"));
+    }
 }

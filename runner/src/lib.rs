@@ -5,6 +5,7 @@ pub mod backend;
 pub mod bench;
 pub mod bvh;
 pub mod cli;
+pub mod colors;
 pub mod framing;
 pub mod heights;
 pub mod picture;

@@ -3,23 +3,21 @@
 
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
 use crate::bvh::HostAabb;
+use crate::colors::Colors;
 use crate::framing::{self, Framing, FramingError, View};
 use crate::heights::{self, Heights};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
-use crate::scene::{ColorMap, Mesh, Relief};
+use crate::scene::{Material, Mesh, Relief};
 use crate::settings::{Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::interface::{FilmPixel, Frame, PointLight, color_format};
+use emboss_kernels::interface::{FilmPixel, Frame, PointLight};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-/// Linear RGB of a surface without a colour map: a light grey, so that both light and shade show.
-const ALBEDO: Vec3 = Vec3::splat(0.8);
-
-/// A model with its maps, and how the height map displaces it.
+/// A mesh with its maps, and how height maps displace it.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// The base mesh.
@@ -28,8 +26,10 @@ pub struct Scene {
     ///
     /// [`Triangle::displacement`]: emboss_kernels::interface::Triangle::displacement
     pub reliefs: Vec<Relief>,
-    /// The colour map; without one the surface is light grey.
-    pub color_map: Option<ColorMap>,
+    /// What its surfaces look like, at least one; triangles name theirs by [`Triangle::material`].
+    ///
+    /// [`Triangle::material`]: emboss_kernels::interface::Triangle::material
+    pub materials: Vec<Material>,
     /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS).
     pub subdivisions: u32,
 }
@@ -121,6 +121,15 @@ pub enum RenderError {
         /// The greatest.
         max: f32,
     },
+    /// All height maps, or all colour maps, are more than kernels can number.
+    #[error(
+        "the maps take {words} words together, but kernels number {} of them; scale them down, or use fewer",
+        u32::MAX
+    )]
+    MapsTooLarge {
+        /// Words of 32 bits.
+        words: u64,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -154,37 +163,34 @@ fn available_memory() -> Option<u64> {
 
 /// Makes a scene ready to be [loaded](load): finds its seams and packs its maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let Scene { mut mesh, reliefs, color_map, subdivisions } = scene;
+    let Scene { mut mesh, reliefs, materials, subdivisions } = scene;
     check_texels(&reliefs)?;
     let seams = match settings.weld {
         Weld::On => SeamTable::find(&mut mesh),
         Weld::Off => SeamTable::default(),
     };
-    let heights = Heights::pack(reliefs, settings.method != Method::None);
+    let heights = Heights::pack(reliefs, settings.method != Method::None, settings.wrap)?;
+    let colors = Colors::pack(materials, settings.wrap)?;
     let features = Features {
         method: settings.method.id(),
         shade: settings.shade.id(),
         shadows: u32::from(settings.shadows),
         height_format: heights.format,
-        color_format: color_map.as_ref().map_or(color_format::NONE, |map| map.format),
-        height_wrap: settings.wrap.id(),
-        color_wrap: settings.wrap.id(),
+        color_format: colors.format,
+        height_wrap: heights.wrap,
+        color_wrap: colors.wrap,
         counters: u32::from(settings.counting),
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
     };
     let (height_min, height_max) = heights::range(&heights.displacements);
-    let (color_width, color_height) = color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
     let frame = Frame {
         width: settings.width,
         height: settings.height,
         seed: settings.seed,
-        albedo: ALBEDO,
         ambient: settings.ambient,
         background: settings.background.unwrap_or(Vec3::ZERO),
         background_alpha: if settings.background.is_some() { 1.0 } else { 0.0 },
-        color_width,
-        color_height,
         triangle_count: count(mesh.triangles.len()),
         steps_scale: settings.method.many_steps(subdivisions),
         subdivisions,
@@ -199,7 +205,8 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         height_texels: heights.texels,
         seams: seams.seams,
         seam_sides: seams.sides,
-        color_texels: color_map.map_or_else(Vec::new, |map| map.texels),
+        color_texels: colors.texels,
+        materials: colors.materials,
         ..SceneBuffers::default()
     };
     Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })
@@ -292,13 +299,14 @@ mod tests {
     use crate::backend::cpu::CpuBackend;
     use crate::scene::builtin;
     use emboss_kernels::interface::{counter, height_format};
+    use std::sync::Arc;
 
     fn quilt() -> Scene {
         let builtin = builtin::load("builtin:quilt").expect("built in");
         Scene {
             mesh: builtin.mesh,
-            reliefs: vec![Relief { map: builtin.height, zero: builtin.zero, scale: builtin.scale }],
-            color_map: builtin.color,
+            reliefs: vec![Relief::new(builtin.height, builtin.zero, builtin.scale)],
+            materials: vec![builtin.color.into()],
             subdivisions: 4,
         }
     }
@@ -347,7 +355,7 @@ mod tests {
             let mut scene = quilt();
             scene.reliefs[0].scale = 1e-38;
             let texels = vec![texel.to_bits(), (-texel).to_bits()];
-            let map = &mut scene.reliefs[0].map;
+            let map = Arc::make_mut(&mut scene.reliefs[0].map);
             (map.width, map.height, map.format) = (2, 1, height_format::FLOAT32);
             (map.texels, map.range) = (texels, (-texel, texel));
             prepare(scene, &small())

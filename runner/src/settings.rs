@@ -5,7 +5,7 @@ use emboss_kernels::interface::{method, normals, shade, wrap};
 use glam::Vec3;
 
 /// How displaced triangles are intersected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Bounded descent through sub-triangles: exact
@@ -42,7 +42,7 @@ impl Method {
 }
 
 /// Along which direction heights are measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normals {
     /// The interpolated normal, renormalised: heights keep their meaning on curved bases
@@ -62,7 +62,7 @@ impl Normals {
 }
 
 /// What becomes of edges and vertices where neighbours disagree on normals, texture coordinates or height maps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Weld {
     /// They are decided once for all neighbours: the surface has no crack
@@ -72,7 +72,7 @@ pub enum Weld {
 }
 
 /// What a pixel shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shade {
     /// Lambert and ambient light, times the colour map
@@ -104,7 +104,7 @@ impl Shade {
 }
 
 /// How texture coordinates outside [0,1) are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Wrap {
     /// Maps repeat
@@ -154,7 +154,7 @@ pub struct Settings {
     pub shade: Shade,
     /// Whether lights cast shadows.
     pub shadows: bool,
-    /// How both maps are read outside [0,1).
+    /// How maps are read outside [0,1) unless they say it themselves.
     pub wrap: Wrap,
     /// Where the camera is.
     pub view: View,

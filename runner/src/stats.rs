@@ -1,7 +1,7 @@
 //! What a rendering took, as `--stats` writes it.
 
 use crate::backend::{BuildReport, DeviceInfo};
-use crate::render::{Job, Rendering};
+use crate::render::{Job, Rendering, Scene};
 use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
@@ -53,14 +53,16 @@ pub struct Bytes {
     pub nodes: u64,
     /// Order of the triangles in the BVH's leaves.
     pub primitives: u64,
-    /// Texels of the height map.
+    /// Texels of the height maps.
     pub height_texels: u64,
-    /// The height map's min/max pyramid.
+    /// The height maps' min/max pyramids.
     pub height_ranges: u64,
     /// Seams and their sides.
     pub seams: u64,
-    /// Texels of the colour map.
+    /// Texels of the colour maps.
     pub color_texels: u64,
+    /// What materials look like.
+    pub materials: u64,
     /// Lights.
     pub lights: u64,
     /// Sums of samples.
@@ -98,10 +100,10 @@ pub struct SettingsUsed {
     /// Parts of each triangle's side.
     #[serde(rename = "N")]
     pub subdivisions: u32,
-    /// The texel value of no displacement.
-    pub zero: f32,
-    /// Height of a texel step from 0 to 1, in model units.
-    pub scale: f32,
+    /// The texel value of no displacement; null where materials differ.
+    pub zero: Option<f32>,
+    /// Height of a texel step from 0 to 1, in model units; null where materials differ.
+    pub scale: Option<f32>,
     /// Pixels of a row.
     pub width: u32,
     /// Rows.
@@ -120,17 +122,19 @@ pub struct SettingsUsed {
     pub shade: Shade,
     /// Whether lights cast shadows.
     pub shadows: bool,
-    /// How maps are read outside [0,1).
-    pub wrap: Wrap,
+    /// How maps are read outside [0,1); null where they differ.
+    pub wrap: Option<Wrap>,
 }
 
 impl SettingsUsed {
     /// What was asked for: `zero`, `scale` and N as chosen, also where the method does not displace.
-    pub fn new(settings: &Settings, samples: u32, zero: f32, scale: f32, subdivisions: u32) -> SettingsUsed {
+    pub fn new(settings: &Settings, samples: u32, scene: &Scene) -> SettingsUsed {
+        let wraps = scene.reliefs.iter().map(|relief| relief.wrap);
+        let wraps = wraps.chain(scene.materials.iter().map(|material| material.wrap));
         SettingsUsed {
-            subdivisions,
-            zero,
-            scale,
+            subdivisions: scene.subdivisions,
+            zero: agreed(scene.reliefs.iter().map(|relief| relief.zero)),
+            scale: agreed(scene.reliefs.iter().map(|relief| relief.scale)),
             width: settings.width,
             height: settings.height,
             samples,
@@ -140,7 +144,7 @@ impl SettingsUsed {
             weld: settings.weld,
             shade: settings.shade,
             shadows: settings.shadows,
-            wrap: settings.wrap,
+            wrap: agreed(wraps.map(|wrap| wrap.unwrap_or(settings.wrap))),
         }
     }
 }
@@ -223,9 +227,10 @@ impl Bytes {
             nodes: u64::from(build.nodes) * size_of::<BvhNode>() as u64,
             primitives: u64::from(job.frame.triangle_count) * size_of::<u32>() as u64,
             height_texels: bytes(&buffers.height_texels),
-            height_ranges: buffers.pyramid_words(job.features) * size_of::<u32>() as u64,
+            height_ranges: buffers.pyramid_words() * size_of::<u32>() as u64,
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
+            materials: bytes(&buffers.materials),
             lights: bytes(&buffers.lights),
             film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
         }
@@ -252,6 +257,12 @@ impl Work {
 
 fn bytes<T>(items: &[T]) -> u64 {
     size_of_val(items) as u64
+}
+
+/// The value that all are, where they are all the same.
+fn agreed<T: PartialEq>(mut values: impl Iterator<Item = T>) -> Option<T> {
+    let first = values.next()?;
+    values.all(|value| value == first).then_some(first)
 }
 
 fn milliseconds(duration: Duration) -> f64 {

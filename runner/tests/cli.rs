@@ -260,6 +260,53 @@ fn materials_bring_their_maps() {
     assert!(run.stderr.contains("missing.png: the materials name this map, but it is not there"));
 }
 
+/// Two triangles side by side, the left one of the material `a`, the right one of `b`.
+const TWO_MATERIALS: &str = "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 3 0 0\nv 4 0 0\nv 4 1 0\n\
+    vt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 4/1 5/2 6/3\n";
+
+/// The colours of the opaque pixels in the left and in the right half of a picture; no more than four steps apart.
+fn halves(path: &Path) -> [[u8; 3]; 2] {
+    let picture = image::open(path).expect("a picture").to_rgba8();
+    [false, true].map(|right| {
+        let half = picture
+            .enumerate_pixels()
+            .filter(|(x, _, p)| (*x >= picture.width() / 2) == right && p.0[3] == 255);
+        let colors: Vec<[u8; 3]> = half.map(|(.., pixel)| [0, 1, 2].map(|i| pixel.0[i])).collect();
+        let far = |color: &[u8; 3]| color.iter().zip(colors[0]).any(|(a, b)| a.abs_diff(b) > 4);
+        assert!(!colors.is_empty() && !colors.iter().any(far), "{colors:?}");
+        colors[0]
+    })
+}
+
+/// Full ambient light and nothing else, so that a pixel is its surface's colour.
+const AMBIENT: [&str; 3] = ["--ambient=1", "--light=0,0,9:0,0,0", "--eye=2,0.5,9"];
+
+#[test]
+fn each_material_has_its_own_maps() {
+    let pixel = |name: &str, place: &Place, color| {
+        image::RgbImage::from_pixel(1, 1, image::Rgb(color)).save(place.path(name)).expect("written");
+    };
+    let library = "newmtl a\nKd 0 0 1\nmap_Kd red.png\nnewmtl b\nKd 0 1 0\ndisp white.png\n";
+    let place = Place::new().with("two.obj", TWO_MATERIALS).with("two.mtl", library);
+    pixel("red.png", &place, [255, 0, 0]);
+    pixel("white.png", &place, [255; 3]);
+    let render = |more: &[&str]| place.render(&[&["two.obj"], more, &AMBIENT[..]].concat()).succeeded();
+    let run = render(&[]);
+    for line in ["color  red.png, 0,1,0  (from the materials)", "height none, white.png  (several origins)"] {
+        assert!(run.stdout.contains(line), "{}", run.stdout);
+    }
+    assert_eq!(halves(&place.path("out.png")), [[255, 0, 0], [0, 255, 0]]);
+    // Height over the range of all maps: none is black, white is white.
+    render(&["--shade=height"]);
+    assert_eq!(halves(&place.path("out.png")), [[0; 3], [255; 3]]);
+    // The command line's go before all of them.
+    pixel("blue.png", &place, [0, 0, 255]);
+    render(&["blue.png"]);
+    assert_eq!(halves(&place.path("out.png")), [[0, 0, 255]; 2]);
+    render(&["none"]);
+    assert_eq!(halves(&place.path("out.png")), [[0, 0, 255], [0, 255, 0]]);
+}
+
 #[test]
 fn normal_map_stands_in_for_a_missing_colour_map_only() {
     let pixel = image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]));
@@ -359,6 +406,191 @@ fn welding_and_linear_normals_change_the_picture() {
         assert_eq!(picture(&[]), picture(&[default]));
         assert_ne!(picture(&[]), picture(&[other]), "{other}");
     }
+}
+
+// Scene files.
+
+/// A scene of the two triangles, the right one moved up, and what a test adds.
+fn scene_place(scene: &str) -> Place {
+    let place = Place::new().with("two.obj", TWO_MATERIALS).with("two.mtl", "newmtl a\nnewmtl b\nKd 0 1 0\n");
+    image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0])).save(place.path("red.png")).expect("written");
+    place.with("scene.toml", scene)
+}
+
+/// What the tests' picture needs to show plain colours.
+const PLAIN: &str = "[render]\nwidth = 40\nheight = 20\nsamples = 1\nambient = 1\nn = 2\n\
+    [camera]\neye = [2, 0.5, 9]\ntarget = [2, 0.5, 0]\n[[light]]\nposition = [0, 0, 9]\ncolor = [0, 0, 0]\n";
+
+#[test]
+fn a_scene_file_says_what_is_rendered() {
+    let scene = format!(
+        "{PLAIN}[material.idle]\n[material.paint]\ncolor = \"red.png\"\n[[model]]\npath = \"two.obj\"\nmaterial = {{ a = \"paint\" }}\n"
+    );
+    let place = scene_place(&scene);
+    let run = place.run(&["render", "scene.toml", "--backend=cpu", "--output=out.png"]).succeeded();
+    for line in ["model  scene.toml  (given)", "color  red.png, 0,1,0", "N      2  (from the scene file)"] {
+        assert!(run.stdout.contains(line), "{}", run.stdout);
+    }
+    assert!(run.stdout.contains("Wrote out.png: 40x20, 1 samples"), "{}", run.stdout);
+    let (idle, paint) = ("scene.toml:13: no model has the material `idle`", "material `paint`");
+    assert!(run.stderr.contains(idle) && !run.stderr.contains(paint), "{}", run.stderr);
+    assert_eq!(halves(&place.path("out.png")), [[255, 0, 0], [0, 255, 0]]);
+}
+
+#[test]
+fn the_command_line_goes_before_the_scene_file() {
+    let scene = format!(
+        "{PLAIN}[material.blue]\ncolor = [0, 0, 1]\n[[model]]\npath = \"two.obj\"\nmaterial = \"blue\"\n"
+    );
+    let place = scene_place(&scene);
+    let options = ["--backend=cpu", "--output=out.png", "--size=80x40", "--samples=3"];
+    let run = place.run(&[&["render", "scene.toml", "red.png", "-", "-", "-", "5"], &options[..]].concat());
+    let stdout = run.succeeded().stdout;
+    assert!(
+        stdout.contains("Wrote out.png: 80x40, 3 samples") && stdout.contains("N      5  (given)"),
+        "{stdout}"
+    );
+    assert_eq!(halves(&place.path("out.png")), [[255, 0, 0]; 2]);
+    place.run(&[&["render", "scene.toml"], &options[..]].concat()).succeeded();
+    assert_eq!(halves(&place.path("out.png")), [[0, 0, 255]; 2]);
+}
+
+/// Paths are relative to the scene file, wherever the program is run.
+#[test]
+fn paths_are_relative_to_the_scene_file() {
+    let scene = format!(
+        "{PLAIN}[material.m]\ncolor = \"sub/../red.png\"\n[[model]]\npath = \"two.obj\"\nmaterial = \"m\"\n"
+    );
+    let place = scene_place(&scene);
+    std::fs::create_dir(place.path("sub")).expect("writable");
+    let mut command = place.command(&["render", "../scene.toml", "--backend=cpu", "-oout.png"]);
+    Run::of(command.current_dir(place.path("sub")).output().expect("starts")).succeeded();
+    assert_eq!(halves(&place.path("sub/out.png")), [[255, 0, 0]; 2]);
+}
+
+/// The two triangles again, each of a file of its own, brought to their places by transforms: the right one's file has it
+/// mirrored, half as large, upside down and elsewhere.
+#[test]
+fn models_stand_where_their_transforms_put_them() {
+    let left = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+    // Its corners times (-2, 2), then y and z change signs, then x gets 3 more: (3, 0), (4, 0), (4, 1).
+    let right = "v 0 0 0\nv -0.5 0 0\nv -0.5 -0.5 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+    let scene = format!(
+        "{PLAIN}[material.a]\ncolor = [1, 0, 0]\n[material.b]\ncolor = [0, 1, 0]\n\
+        [[model]]\npath = \"left.obj\"\nmaterial = \"a\"\n\
+        [[model]]\npath = \"right.obj\"\nmaterial = \"b\"\n\
+        scale = [-2, 2, 1]\nrotate = [180, 0, 0]\ntranslate = [3, 0, 0]\n"
+    );
+    let place = scene_place(&scene).with("left.obj", left).with("right.obj", right);
+    let render = |model: &str| {
+        let options = ["--size=64x32", "--samples=1", "--backend=cpu", "--output=out.png"];
+        place.run(&[&["render", model, "-", "none"], &AMBIENT[..], &options[..]].concat()).succeeded();
+        image::open(place.path("out.png")).expect("a picture").to_rgba8()
+    };
+    let (scene, model) = (render("scene.toml"), render("two.obj"));
+    assert_eq!(halves(&place.path("out.png"))[1], [0, 255, 0]);
+    // Edges are moved by roundings of some 1e-7 units, a millionth of a pixel.
+    let differ = scene.pixels().zip(model.pixels()).filter(|(a, b)| a.0[3] != b.0[3]).count();
+    assert!(differ <= 1, "{differ} pixels");
+}
+
+#[test]
+fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
+    let cases: [(&str, &str); 31] = [
+        ("", "1: the scene has no model; add one"),
+        ("[render]\nwidth = 5\n", "3: the scene has no model"),
+        ("[render]\nwidht = 5\n", "2: unknown field `widht`, expected one of `width`, `height`"),
+        ("[rendr]\n", "1: unknown field `rendr`, expected one of `render`, `camera`"),
+        ("[camera]\n\neye = [1, 2]\n", "3: invalid length 2"),
+        ("[camera]\neye = [1, nan, 2]\n", "2: `NaN` is not finite; write a number"),
+        ("[camera]\neye = [1, 1e39, 2]\n", "is not finite; write a number"),
+        ("[camera]\nfov = 180\n", "2: `180` is no field of view; that is an angle from 0.01 to 179"),
+        ("[render]\nwidth = 0\n", "2: a side of 0 pixels is not possible"),
+        ("[render]\nwidth = 1e3\n", "2: invalid type: floating point"),
+        (
+            "[render]\nwidth = 2000000000\nheight = 2000000000\n[[model]]\nbuiltin = \"cube\"\n",
+            "choose a smaller size",
+        ),
+        ("[render]\nn = 4097\n", "2: 4097 is no N; write a whole number from 1 to 4096"),
+        ("[render]\nsamples = -1\n", "2: -1 is no number of samples"),
+        (
+            "[render]\nmethod = \"magic\"\n",
+            "2: unknown variant `magic`, expected one of `quadtree`, `grid-walk`",
+        ),
+        ("[render]\nbackground = [255, 0, 0]\n", "2: `255` is not from 0 to 1"),
+        ("[render]\nambient = -0.5\n", "2: `-0.5` is not a number from 0 on"),
+        ("[render\n", "1: invalid table header"),
+        ("\n[render]\nseed = 1\nseed = 2\n", "duplicate key `seed`"),
+        ("[[light]]\ncolor = [1, 1, 1]\n", "1: missing field `position`"),
+        ("[material.a]\ncolor = 5\n", "2: the name of an image, \"none\", or three numbers from 0 to 1"),
+        ("[material.a]\n[material.a]\n", "2: invalid table header, duplicate key"),
+        (
+            "[material.a]\nwrap = \"tile\"\n",
+            "2: unknown variant `tile`, expected one of `repeat`, `clamp`, `mirror`",
+        ),
+        ("[[model]]\n", "1: a model has either a path or a builtin"),
+        ("[[model]]\npath = \"a.obj\"\nbuiltin = \"cube\"\n", "1: a model has either a path or a builtin"),
+        (
+            "[[model]]\n\nbuiltin = \"teapot\"\n",
+            "3: there is no built-in scene `builtin:teapot`; choose builtin:",
+        ),
+        (
+            "[material.a]\n[[model]]\nbuiltin = \"cube\"\nmaterial = \"b\"\n",
+            "4: there is no [material.b]; add it, or choose a",
+        ),
+        ("[[model]]\nbuiltin = \"cube\"\nmaterial = 5\n", "3: the name of a material, or a table"),
+        ("[[model]]\nbuiltin = \"cube\"\nscale = 0\n", "3: a scale of 0 leaves nothing"),
+        ("[[model]]\nbuiltin = \"cube\"\nscale = [1, -0.0, 1]\n", "3: a scale of 0 leaves nothing"),
+        (
+            "[[model]]\nbuiltin = \"cube\"\nscale = 1e38\ntranslate = [3e38, 0, 0]\n",
+            "1: the model's coordinates become too large",
+        ),
+        (
+            "[material.m]\n[[model]]\npath = \"two.obj\"\nmaterial = { c = \"m\" }\n",
+            "2: the model has no material `c`; it has a, b",
+        ),
+    ];
+    for (scene, message) in cases {
+        let place = scene_place(scene);
+        place.run(&["render", "scene.toml", "--backend=cpu"]).failed(2, &["error: scene.toml:", message]);
+        assert!(!place.path("emboss.png").exists());
+    }
+}
+
+#[test]
+fn what_a_scene_file_names_is_named_with_its_line() {
+    let cases = [
+        ("\n[[model]]\npath = \"lost.obj\"\n", "scene.toml:2: lost.obj: cannot be read"),
+        ("[[model]]\npath = \".\"\n", "scene.toml:1: .: cannot be read"),
+        ("[[model]]\npath = \"two.mtl\"\n", "scene.toml:1: two.mtl: has no faces"),
+        (
+            "[material.m]\ncolor = \"lost.png\"\n[[model]]\nbuiltin = \"cube\"\nmaterial = \"m\"\n",
+            "scene.toml:1: lost.png: cannot be read",
+        ),
+        (
+            "\n[material.m]\nheight = \"two.obj\"\n[[model]]\nbuiltin = \"cube\"\nmaterial = \"m\"\n",
+            "scene.toml:2: two.obj: not an image that can be read; use PNG",
+        ),
+    ];
+    for (scene, message) in cases {
+        scene_place(scene).run(&["render", "scene.toml", "--backend=cpu"]).failed(1, &[message]);
+    }
+    let place = Place::new().with("bad.toml", [b'\n', 0xff]);
+    place
+        .run(&["render", "bad.toml"])
+        .failed(2, &["bad.toml:2: not UTF-8 text; save the scene file as UTF-8"]);
+    place.run(&["render", "lost.toml"]).failed(1, &["lost.toml: cannot be read", "check the path"]);
+    std::fs::create_dir(place.path("folder.toml")).expect("writable");
+    place.run(&["render", "folder.toml"]).failed(1, &["folder.toml: cannot be read"]);
+}
+
+#[test]
+fn the_example_scene_renders() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/scenes/table.toml");
+    let place = Place::new();
+    let run = place.render(&[path]).succeeded();
+    assert!(run.stdout.contains("N      48  (from the scene file)"), "{}", run.stdout);
+    assert!(alphas(&place.path("out.png")).iter().all(|&alpha| alpha == 255), "it has a background");
 }
 
 // What is refused: usage.

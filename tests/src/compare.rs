@@ -178,12 +178,9 @@ fn rounding(job: &Job) -> f32 {
     let mut slopes: Vec<f32> = job.buffers.triangles.iter().map(|&t| inverse_height(job, t)).collect();
     let middle = slopes.len() / 2;
     let (_, &mut median, _) = slopes.select_nth_unstable_by(middle, f32::total_cmp);
-    let color_side = frame.color_width.max(frame.color_height);
-    let map_side = job
-        .buffers
-        .displacements
-        .iter()
-        .fold(color_side, |side, map| side.max(map.map_width).max(map.map_height)) as f32;
+    let colors = job.buffers.materials.iter().map(|map| map.color_width.max(map.color_height));
+    let heights = job.buffers.displacements.iter().map(|map| map.map_width.max(map.map_height));
+    let map_side = colors.chain(heights).fold(0, u32::max) as f32;
     UNIT_ROUNDOFF * (48.0 * median * frame.subdivisions as f32 + 8.0 * map_side)
 }
 

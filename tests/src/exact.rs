@@ -6,9 +6,9 @@ use crate::scenes::{self, ReadyJob};
 use crate::{Numbers, RaySource};
 use emboss::backend::{Backend, SceneBuffers};
 use emboss::render::Scene;
-use emboss::scene::{HeightMap, Mesh, Relief};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{Normals, Settings, Weld, Wrap};
-use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_format, method};
+use emboss_kernels::interface::{Frame, Intersection, MISS, Ray, Vertex, height_format, method, wrap};
 use emboss_kernels::scene::Features;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -199,7 +199,8 @@ impl<'a> Court<'a> {
         }
     }
 
-    /// The [`patchwork`] in all wraps, with directions of both kinds, welded and not.
+    /// The [`patchwork`] in all wraps, with directions of both kinds, welded and not. Where its maps are of two formats
+    /// they are of two wraps too.
     pub fn judge_patchwork(&mut self, count: usize) {
         let formats = [
             [height_format::UNORM8, height_format::UNORM8],
@@ -207,15 +208,26 @@ impl<'a> Court<'a> {
             [height_format::UNORM16, height_format::UNORM16],
         ];
         let wraps = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
-        for ((wrap, formats), seed) in wraps.into_iter().zip(formats).zip(1..) {
+        for ((usual_wrap, formats), seed) in wraps.into_iter().zip(formats).zip(1..) {
             for normals in [Normals::Normalized, Normals::Linear] {
                 for weld in [Weld::On, Weld::Off] {
-                    let settings =
-                        Settings { wrap, normals, weld, width: 1, height: 1, ..Settings::default() };
+                    let settings = Settings {
+                        wrap: usual_wrap,
+                        normals,
+                        weld,
+                        width: 1,
+                        height: 1,
+                        ..Settings::default()
+                    };
                     for n in [1, 6, 17] {
-                        let job = scenes::job(patchwork(seed, formats, n), &settings);
+                        let mut scene = patchwork(seed, formats, n);
+                        let mixed = formats[0] != formats[1];
+                        scene.reliefs[1].wrap = mixed.then_some(Wrap::Mirror);
+                        let job = scenes::job(scene, &settings);
                         assert_eq!(job.features.seams, u32::from(weld == Weld::On));
-                        let what = format!("patchwork, {wrap:?}, {normals:?}, weld {weld:?}, N = {n}");
+                        assert_eq!(job.features.height_format == height_format::PER_MAP, mixed);
+                        assert_eq!(job.features.height_wrap == wrap::PER_MAP, mixed);
+                        let what = format!("patchwork, {usual_wrap:?}, {normals:?}, weld {weld:?}, N = {n}");
                         self.judge_job(&what, &job, seed + u64::from(n), count);
                     }
                 }
@@ -347,9 +359,9 @@ pub fn patchwork(seed: u64, formats: [u32; 2], subdivisions: u32) -> Scene {
         let texels = random_texels(&mut numbers, formats[i], width * height);
         let format = formats[i];
         let map = HeightMap { width, height, format, texels, range: (0.0, 1.0), replaced: 0 };
-        Relief { map, zero: [0.5, 0.2][i], scale: [0.3, -0.2][i] }
+        Relief::new(map, [0.5, 0.2][i], [0.3, -0.2][i])
     });
-    Scene { mesh, reliefs: reliefs.into(), color_map: None, subdivisions }
+    Scene { mesh, reliefs: reliefs.into(), materials: vec![Material::default()], subdivisions }
 }
 
 /// Packed texels between 0 and 1.

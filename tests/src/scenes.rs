@@ -5,7 +5,7 @@ use emboss::backend::host_scene::HostScene;
 use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
-use emboss::scene::{HeightMap, Mesh, Relief};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{Light, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{PointLight, Vertex, height_format};
@@ -27,7 +27,12 @@ pub fn builtin(name: &str) -> Scene {
     let Some(BuiltinScene { mesh, height, zero, scale, subdivisions, .. }) = builtin::load(name) else {
         panic!("{name} is no built-in scene")
     };
-    Scene { mesh, reliefs: vec![Relief { map: height, zero, scale }], color_map: None, subdivisions }
+    Scene {
+        mesh,
+        reliefs: vec![Relief::new(height, zero, scale)],
+        materials: vec![Material::default()],
+        subdivisions,
+    }
 }
 
 /// Built-in scene `name` in its colours with N = `subdivisions`, and the settings that show it as the command line
@@ -39,8 +44,8 @@ pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> 
     let Some(builtin) = builtin::load(name) else { panic!("{name} is no built-in scene") };
     let scene = Scene {
         mesh: builtin.mesh,
-        reliefs: vec![Relief { map: builtin.height, zero: builtin.zero, scale: builtin.scale }],
-        color_map: builtin.color,
+        reliefs: vec![Relief::new(builtin.height, builtin.zero, builtin.scale)],
+        materials: vec![builtin.color.into()],
         subdivisions,
     };
     let view = View { from: builtin.view, usual_up: builtin.up, ..View::default() };
@@ -131,12 +136,12 @@ pub fn tiles() -> Scene {
     let format = height_format::FLOAT32;
     Scene {
         mesh: Mesh::from_triangles(&vertices, &triangles),
-        reliefs: vec![Relief {
-            map: HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
-            zero: 0.0,
-            scale: 0.1,
-        }],
-        color_map: None,
+        reliefs: vec![Relief::new(
+            HeightMap { width: 7, height: 7, format, texels, range: (0.0, 1.0), replaced: 0 },
+            0.0,
+            0.1,
+        )],
+        materials: vec![Material::default()],
         subdivisions: 1,
     }
 }
@@ -163,12 +168,12 @@ pub fn checkered_sheet() -> Scene {
     let format = height_format::FLOAT32;
     Scene {
         mesh: Mesh::from_triangles(&vertices, &triangles),
-        reliefs: vec![Relief {
-            map: HeightMap { width: 2, height: 1, format, texels, range: (0.0, 1.0), replaced: 0 },
-            zero: 0.5,
-            scale: 0.1,
-        }],
-        color_map: None,
+        reliefs: vec![Relief::new(
+            HeightMap { width: 2, height: 1, format, texels, range: (0.0, 1.0), replaced: 0 },
+            0.5,
+            0.1,
+        )],
+        materials: vec![Material::default()],
         subdivisions: 1,
     }
 }
@@ -193,12 +198,12 @@ pub fn random_solid(numbers: &mut Numbers, format: u32, spread: f32) -> Scene {
         .collect();
     Scene {
         mesh: Mesh::from_triangles(&vertices, &triangles),
-        reliefs: vec![Relief {
-            map: random_map(numbers, format),
-            zero: numbers.unit(),
-            scale: size * numbers.between(-0.4, 0.4),
-        }],
-        color_map: None,
+        reliefs: vec![Relief::new(
+            random_map(numbers, format),
+            numbers.unit(),
+            size * numbers.between(-0.4, 0.4),
+        )],
+        materials: vec![Material::default()],
         subdivisions: 1 + numbers.below(6),
     }
 }

@@ -5,7 +5,7 @@ use bytemuck::bytes_of;
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
-use emboss::scene::{HeightMap, Mesh, Relief};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::Wrap;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::traverse::{Query, traverse};
@@ -137,8 +137,8 @@ fn quadtree_finds_a_hit_across_a_micro_vertex() {
         let job = scenes::ready(
             Scene {
                 mesh: Mesh::from_triangles(&vertices, &[[0, 1, 2]]),
-                reliefs: vec![Relief {
-                    map: HeightMap {
+                reliefs: vec![Relief::new(
+                    HeightMap {
                         width: 1,
                         height: 1,
                         format,
@@ -146,10 +146,10 @@ fn quadtree_finds_a_hit_across_a_micro_vertex() {
                         range: (0.0, 1.0),
                         replaced: 0,
                     },
-                    zero: 0.1144588,
-                    scale: -0.14865246,
-                }],
-                color_map: None,
+                    0.1144588,
+                    -0.14865246,
+                )],
+                materials: vec![Material::default()],
                 subdivisions,
             },
             Wrap::Repeat,

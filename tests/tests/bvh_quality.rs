@@ -4,7 +4,7 @@ use emboss::bench::scene;
 use emboss::bvh::sort::sort_pairs;
 use emboss::bvh::{Bvh, BvhStats, Hlbvh, HostAabb};
 use emboss::render::Scene;
-use emboss::scene::{HeightMap, Relief};
+use emboss::scene::{HeightMap, Material, Relief};
 use emboss::settings::{Method, Settings};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::morton::{self, center_bounds, encode, split_level};
@@ -131,8 +131,13 @@ fn quilt() {
 #[test]
 fn spheres() {
     let count = 1_000_000;
-    let flat = Relief { map: HeightMap::flat(0.0), zero: 0.0, scale: 0.0 };
-    let scene = Scene { mesh: scene::mesh(count), reliefs: vec![flat], color_map: None, subdivisions: 1 };
+    let flat = Relief::new(HeightMap::flat(0.0), 0.0, 0.0);
+    let scene = Scene {
+        mesh: scene::mesh(count),
+        reliefs: vec![flat],
+        materials: vec![Material::default()],
+        subdivisions: 1,
+    };
     let settings = Settings {
         method: Method::None,
         shadows: false,

@@ -6,7 +6,7 @@
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
-use emboss::scene::{HeightMap, Mesh, Relief};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::Wrap;
 use emboss_kernels::interface::{Ray, Vertex, height_format, method};
 use emboss_kernels::scene::Features;
@@ -124,7 +124,7 @@ fn zeros_of_both_signs_are_the_same() {
     let texels = [0.0_f32, 0.0, 1.0, 1.0].map(f32::to_bits).to_vec();
     let format = height_format::FLOAT32;
     let map = HeightMap { width: 4, height: 1, format, texels, range: (0.0, 1.0), replaced: 0 };
-    let reliefs = vec![Relief { map, zero: 0.0, scale: 0.3 }];
-    let scene = Scene { mesh, reliefs, color_map: None, subdivisions: 2 };
+    let reliefs = vec![Relief::new(map, 0.0, 0.3)];
+    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: 2 };
     court(&mut CpuBackend::new()).judge_job("tent", &scenes::ready(scene, Wrap::Clamp), 1, 10_000);
 }

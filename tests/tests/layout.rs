@@ -8,8 +8,8 @@ use emboss_kernels::bvh::scan::GROUP_SIZE;
 use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame,
-    Intersection, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile, Triangle,
-    Vertex, binding, spec,
+    Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile,
+    Triangle, Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -114,10 +114,13 @@ shared! {
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
     Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }
-    Displacement { scale, zero, map_width, map_height, height_min, height_max, first_word, first_range }
+    Material { albedo, color_format, color_width, color_height, color_wrap, first_word }
+    Displacement {
+        scale, zero, map_width, map_height, height_min, height_max, first_word, first_range, format, wrap
+    }
     Frame {
-        camera, width, height, seed, light_count, albedo, ambient, background, background_alpha, color_width,
-        color_height, triangle_count, steps_scale, subdivisions, height_min, height_max, padding
+        camera, width, height, seed, light_count, background, background_alpha, ambient, triangle_count, steps_scale,
+        subdivisions, height_min, height_max, padding
     }
     Tile { x, y, width, height, sample }
     Batch { first, count, kernel }
@@ -184,6 +187,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::TREELET_LISTS, u32::many()),
         // Floats, which the kernel writes as words.
         (binding::COSTS, u32::many()),
+        (binding::MATERIALS, Material::many()),
     ]
 }
 

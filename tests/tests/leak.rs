@@ -9,7 +9,7 @@
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
-use emboss::scene::Relief;
+use emboss::scene::{Material, Relief};
 use emboss::settings::{Normals, Settings, Weld, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::long::{self, Cases};
@@ -48,8 +48,7 @@ fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob
     let share = if how.subdivisions < 1000 { RELIEF } else { FINE_RELIEF };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
     let scale = (share * placed.room) as f32;
-    let relief =
-        |map: WildMap, numbers: &mut Numbers| Relief { map: map.map(numbers), zero: how.zero, scale };
+    let relief = |map: WildMap, numbers: &mut Numbers| Relief::new(map.map(numbers), how.zero, scale);
     let mut reliefs = vec![relief(how.map, numbers)];
     if let Some(second) = how.second {
         reliefs.push(relief(second, numbers));
@@ -57,7 +56,7 @@ fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob
     }
     let Displaced { normals, weld, wrap, subdivisions, .. } = how;
     let settings = Settings { normals, weld, wrap, width: 1, height: 1, ..Settings::default() };
-    job(Scene { mesh, reliefs, color_map: None, subdivisions }, &settings)
+    job(Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions }, &settings)
 }
 
 /// Traces `count` rays; how many of them leak.

@@ -8,7 +8,7 @@
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
-use emboss::scene::Relief;
+use emboss::scene::{Material, Relief};
 use emboss::settings::{Normals, Settings};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
@@ -116,8 +116,13 @@ fn tally(job: &ReadyJob, leaving: Leaving, seed: u64, count: usize, tally: &mut 
 fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, normals: Normals) -> ReadyJob {
     let placed = solid.placed(scale, offset);
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
-    let relief = Relief { map: map.map(&mut Numbers::new(7)), zero: 0.0, scale: (0.1 * scale) as f32 };
-    let scene = Scene { mesh: placed.mesh, reliefs: vec![relief], color_map: None, subdivisions: n };
+    let relief = Relief::new(map.map(&mut Numbers::new(7)), 0.0, (0.1 * scale) as f32);
+    let scene = Scene {
+        mesh: placed.mesh,
+        reliefs: vec![relief],
+        materials: vec![Material::default()],
+        subdivisions: n,
+    };
     job(scene, &Settings { normals, width: 1, height: 1, ..Settings::default() })
 }
 

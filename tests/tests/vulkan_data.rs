@@ -44,8 +44,8 @@ fn monsterfrog(data: &Path, subdivisions: u32) -> (Scene, Settings) {
     (
         Scene {
             mesh,
-            reliefs: vec![Relief { map: height_map, zero: 0.5, scale: 0.5 }],
-            color_map,
+            reliefs: vec![Relief::new(height_map, 0.5, 0.5)],
+            materials: vec![color_map.into()],
             subdivisions,
         },
         square(),
@@ -56,7 +56,7 @@ fn monsterfrog(data: &Path, subdivisions: u32) -> (Scene, Settings) {
 fn chesterfield(data: &Path, subdivisions: u32) -> (Scene, Settings) {
     let (scene, settings) = builtin_scene("builtin:quilt", subdivisions, SIDE, SIDE);
     let height_map = load_height_map(&data.join("chesterfield-height.jpg"), 0.0, false).unwrap();
-    (Scene { reliefs: vec![Relief { map: height_map, zero: 0.0, scale: 0.4 }], ..scene }, settings)
+    (Scene { reliefs: vec![Relief::new(height_map, 0.0, 0.4)], ..scene }, settings)
 }
 
 /// Keeps a picture for people to look at.

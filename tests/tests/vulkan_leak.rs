@@ -9,7 +9,7 @@
 use emboss::backend::Backend;
 use emboss::backend::vulkan::VulkanBackend;
 use emboss::render::Scene;
-use emboss::scene::Relief;
+use emboss::scene::{Material, Relief};
 use emboss::settings::{Normals, Settings, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::long::{self, Cases};
@@ -43,18 +43,15 @@ fn scene(turn: usize, (name, solid): &(&str, Solid), (scale, offset): (f64, f64)
     // micro-triangles.
     let height = if n < 1000 { 0.5 } else { 0.02 };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
-    let relief = |map: WildMap| Relief {
-        map: map.map(&mut Numbers::new(turn as u64)),
-        zero: 0.0,
-        scale: (height * placed.room) as f32,
-    };
+    let scale = (height * placed.room) as f32;
+    let relief = |map: WildMap| Relief::new(map.map(&mut Numbers::new(turn as u64)), 0.0, scale);
     let reliefs = vec![relief(WildMap::ALL[turn % 5]), relief(WildMap::ALL[(turn + 1) % 5])];
     let mut mesh = placed.mesh;
     mesh.triangles.iter_mut().step_by(2).for_each(|triangle| triangle.displacement = 1);
     let normals = [Normals::Normalized, Normals::Linear][turn % 2];
     let wrap = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror][turn % 3];
     let settings = Settings { normals, wrap, width: 1, height: 1, ..Settings::default() };
-    let scene = Scene { mesh, reliefs, color_map: None, subdivisions: n };
+    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: n };
     let what = format!("{name}, scale {scale}, offset {offset}, N = {n}");
     let dear = offset > 1e4 || n > 1000 || offset > 1.0 && n == 1000;
     let share = if dear { 1 } else { 10 };

@@ -6,10 +6,11 @@ use emboss::backend::vulkan::VulkanBackend;
 use emboss::backend::{Backend, Totals};
 use emboss::picture::Picture;
 use emboss::render::{Job, Scene};
-use emboss::scene::{ColorMap, HeightMap, Relief};
+use emboss::scene::{ColorMap, HeightMap, Material, Relief};
 use emboss::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
-use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format};
+use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format, wrap};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
+use emboss_kernels::scene::Features;
 use emboss_tests::compare::{Comparison, VISIBLE, against_cpu, rendered};
 use emboss_tests::scenes::{ReadyJob, builtin_scene, job};
 use emboss_tests::{Numbers, finish, lavapipe};
@@ -97,7 +98,7 @@ fn overhanging_quilt() -> (Scene, Settings) {
         vertex.u = vertex.u * 2.6 - 0.7;
         vertex.v = vertex.v * 2.6 - 0.7;
     }
-    scene.color_map = None;
+    scene.materials = vec![Material::default()];
     (scene, settings)
 }
 
@@ -138,7 +139,7 @@ fn height_formats_and_wraps_are_alike() {
     let mut pictures = Vec::new();
     for format in [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32] {
         for wrap in WRAPS {
-            let map = Relief { map: relief(format), zero: scene.reliefs[0].zero, scale: 0.1 };
+            let map = Relief::new(relief(format), scene.reliefs[0].zero, 0.1);
             let scene = Scene { reliefs: vec![map], ..scene.clone() };
             let job = job(scene, &Settings { wrap, shade: Shade::Height, ..settings.clone() });
             pictures.push(assert_alike(&mut backend, &job, &format!("format {format}, {wrap:?}")));
@@ -176,7 +177,7 @@ fn color_formats_and_wraps_are_alike() {
     let mut pictures = Vec::new();
     for format in [color_format::SRGB8, color_format::FLOAT32, color_format::NONE] {
         for wrap in if format == color_format::NONE { &WRAPS[..1] } else { &WRAPS } {
-            let scene = Scene { color_map: colors(format), ..scene.clone() };
+            let scene = Scene { materials: vec![colors(format).into()], ..scene.clone() };
             let settings = Settings { wrap: *wrap, method: Method::None, shadows: false, ..settings.clone() };
             pictures.push(assert_alike(
                 &mut backend,
@@ -191,11 +192,64 @@ fn color_formats_and_wraps_are_alike() {
     finish(backend);
 }
 
+/// Materials of every kind side by side: colour maps of two formats and wraps, two colours without a map; height maps
+/// of the same relief in three formats, one of them under another wrap, and none.
+#[test]
+fn materials_are_alike() {
+    let mut backend = lavapipe();
+    let (mut scene, settings) = builtin_scene("builtin:cube", 7, WIDTH, HEIGHT);
+    for vertex in &mut scene.mesh.vertices {
+        (vertex.u, vertex.v) = (vertex.u * 2.6 - 0.7, vertex.v * 2.6 - 0.7);
+    }
+    let colored = |format, wrap| Material { wrap, ..colors(format).into() };
+    let plain = |albedo| Material { albedo, ..Material::default() };
+    scene.materials = vec![
+        colored(color_format::SRGB8, None),
+        plain(Vec3::new(0.1, 0.9, 0.4)),
+        colored(color_format::FLOAT32, Some(Wrap::Mirror)),
+        plain(Vec3::new(0.9, 0.1, 0.4)),
+    ];
+    let relief = |format, wrap| Relief { wrap, ..Relief::new(relief(format), 0.5, 0.3) };
+    scene.reliefs = vec![
+        relief(height_format::UNORM8, None),
+        relief(height_format::UNORM16, Some(Wrap::Mirror)),
+        relief(height_format::FLOAT32, None),
+        Relief::new(HeightMap::flat(0.0), 0.0, 0.0),
+    ];
+    for (triangle, i) in scene.mesh.triangles.iter_mut().zip([0, 1, 2, 3].into_iter().cycle()) {
+        *triangle = triangle.with_material(i);
+        triangle.displacement = (i + 1) % 4;
+    }
+    let job = |scene: &Scene| job(scene.clone(), &settings);
+    let mixed = job(&scene);
+    let Features { height_format, height_wrap, color_format, color_wrap, .. } = mixed.features;
+    assert_eq!(
+        [height_format, height_wrap, color_format, color_wrap],
+        [height_format::PER_MAP, wrap::PER_MAP, color_format::PER_MATERIAL, wrap::PER_MAP]
+    );
+    let picture = assert_alike(&mut backend, &mixed, "mixed materials");
+    assert_rays_alike(&mut backend, &mixed, 20_000);
+    // Each of them shows.
+    for i in 0..4 {
+        let mut other = scene.clone();
+        other.materials[i] = plain(Vec3::splat(0.3));
+        let other = rendered(&mut CpuBackend::new(), &job(&other), SAMPLES);
+        assert!(Comparison::new(&other, &picture, VISIBLE).strays() > 20, "material {i} does not show");
+    }
+    for i in 0..3 {
+        let mut other = scene.clone();
+        other.reliefs[i].scale = 0.1;
+        let other = rendered(&mut CpuBackend::new(), &job(&other), SAMPLES);
+        assert!(Comparison::new(&other, &picture, VISIBLE).strays() > 20, "relief {i} does not show");
+    }
+    finish(backend);
+}
+
 /// The cube under two maps of 8-bit texels that know nothing of each other, one on every other triangle: at its edges
 /// normals, texture coordinates and maps disagree.
 fn split_cube() -> (Scene, Settings) {
     let (mut scene, settings) = builtin_scene("builtin:cube", 7, WIDTH, HEIGHT);
-    let relief = |seed, zero, scale| Relief { map: packed(&codes(seed), height_format::UNORM8), zero, scale };
+    let relief = |seed, zero, scale| Relief::new(packed(&codes(seed), height_format::UNORM8), zero, scale);
     scene.reliefs = vec![relief(6, 0.5, 0.4), relief(7, 0.25, -0.3)];
     for (triangle, map) in scene.mesh.triangles.iter_mut().zip([0, 1].into_iter().cycle()) {
         triangle.displacement = map;

@@ -2,7 +2,7 @@
 //! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
 //! out what cannot be reached.
 
-use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade};
+use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade, wrap};
 use emboss_kernels::scene::Features;
 use rspirv::dr::Operand;
 use rspirv::spirv::{Decoration, Word};
@@ -115,6 +115,22 @@ fn features_that_are_off_leave_no_code() {
         let without = specialized("render", features);
         assert_unread(&with, &without, unread);
         assert!(without.instructions < with.instructions, "{features:?}: {without:?}, {with:?}");
+    }
+}
+
+/// Where maps are alike a pipeline has no code that asks which of them is how.
+#[test]
+fn alike_materials_leave_no_code_for_others() {
+    let mixed: [Features; 4] = [
+        Features { height_format: height_format::PER_MAP, ..ALL },
+        Features { height_wrap: wrap::PER_MAP, ..ALL },
+        Features { color_format: color_format::PER_MATERIAL, ..ALL },
+        Features { color_wrap: wrap::PER_MAP, ..ALL },
+    ];
+    let alike = specialized("render", ALL).instructions;
+    for features in mixed {
+        let instructions = specialized("render", features).instructions;
+        assert!(alike < instructions, "{features:?}: {alike} {instructions}");
     }
 }
 

@@ -58,7 +58,7 @@ fn random_map(numbers: &mut Numbers, format: u32, (width, height): (u32, u32)) -
 fn scene_with_maps(sizes: &[(u32, u32)], format: u32, wrap: Wrap) -> ReadyJob {
     let mut numbers = Numbers::new(u64::from(format));
     let mut scene = tiles();
-    let relief = |&size| Relief { map: random_map(&mut numbers, format, size), zero: 0.25, scale: 0.1 };
+    let relief = |&size| Relief::new(random_map(&mut numbers, format, size), 0.25, 0.1);
     let reliefs: Vec<Relief> = sizes.iter().map(relief).collect();
     for (map, triangle) in (0..u32::try_from(sizes.len()).unwrap()).cycle().zip(&mut scene.mesh.triangles) {
         triangle.displacement = map;

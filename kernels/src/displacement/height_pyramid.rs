@@ -195,7 +195,7 @@ impl Pyramid<'_> {
 }
 
 /// Writes word `item` of level `level` to the pyramid, and with the first one where the next level begins. What the
-/// entry point `height_pyramid` does, level by level.
+/// entry point `height_pyramid` does, level by level. `format` and `wrap` are what is known of all maps.
 #[inline]
 pub fn build_word(
     texels: &[u32],
@@ -206,6 +206,7 @@ pub fn build_word(
     level: u32,
     item: u32,
 ) {
+    let (format, wrap) = (map.known_format(format), map.known_wrap(wrap));
     let word = Pyramid { texels, ranges, map: *map, format, wrap }.level_word(level, item);
     let header = map.first_range;
     let first = if level == 1 { HEADER } else { at(ranges, header + level) };
@@ -436,8 +437,8 @@ pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, u
     let greatest = uv_low.abs().max(uv_high.abs());
     let error = texel_error(&map, greatest);
     let (low, high) = (low - error, high + error);
-    let x = fold(low.x, high.x, map.map_width, field.wrap);
-    let y = fold(low.y, high.y, map.map_height, field.wrap);
+    let x = fold(low.x, high.x, map.map_width, pyramid.wrap);
+    let y = fold(low.y, high.y, map.map_height, pyramid.wrap);
     let (across, down) = (x.more, y.more);
     // rust-gpu has no saturating subtraction.
     let level = ceil_log2(across.max(down).max(1)).max(FINENESS) - FINENESS;
@@ -532,7 +533,7 @@ mod tests {
     fn endless(field: &HeightField<'_>, map: &Displacement, x: i32, y: i32) -> f32 {
         let folded = |i: i32, size: u32| {
             let n = size as i32;
-            match field.wrap {
+            match field.pyramid(*map).wrap {
                 wrap::REPEAT => i.rem_euclid(n),
                 wrap::MIRROR if i.div_euclid(n) % 2 == 0 => i.rem_euclid(n),
                 wrap::MIRROR => n - 1 - i.rem_euclid(n),

@@ -24,9 +24,9 @@ pub struct HeightField<'a> {
     seams: &'a [Seams],
     seam_sides: &'a [SeamSide],
     /// How texels are stored: see [`height_format`](crate::interface::height_format).
-    pub format: u32,
+    format: u32,
     /// How maps go on beyond their borders: see [`wrap`](crate::interface::wrap).
-    pub wrap: u32,
+    wrap: u32,
     /// Whether directions are unit vectors: see [`normals`].
     pub normals: u32,
     /// N: parts of each side of a base triangle.
@@ -68,13 +68,15 @@ impl<'a> HeightField<'a> {
     /// A map of its with the map's pyramid.
     #[inline]
     pub fn pyramid(&self, map: Displacement) -> Pyramid<'a> {
-        Pyramid { texels: self.texels, ranges: self.ranges, map, format: self.format, wrap: self.wrap }
+        let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
+        Pyramid { texels: self.texels, ranges: self.ranges, map, format, wrap }
     }
 
     /// Height in model units that a map gives at texture coordinates `uv`, which must be finite.
     #[inline]
     pub fn height(&self, map: &Displacement, uv: Vec2) -> f32 {
-        let texel = sample_height(self.texels, self.format, self.wrap, map, uv);
+        let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
+        let texel = sample_height(self.texels, format, wrap, map, uv);
         map.scale * (texel - map.zero)
     }
 }
@@ -123,6 +125,8 @@ pub struct BaseTriangle {
     pub height_max: f32,
     /// Its height map.
     pub map: Displacement,
+    /// Index of its [`Material`](crate::interface::Material).
+    pub material: u32,
     /// Index of its [`Seams`], or [`NO_SEAMS`].
     pub seams: u32,
 }
@@ -163,6 +167,7 @@ impl BaseTriangle {
             height_min: triangle.height_min,
             height_max: triangle.height_max,
             map: at(scene.displacements, triangle.displacement),
+            material: triangle.material(),
             seams: triangle.seams,
         }
     }

@@ -330,8 +330,8 @@ mod tests {
         let cube = builtin::load("builtin:cube").expect("built in");
         let scene = Scene {
             mesh: cube.mesh,
-            reliefs: vec![Relief { map: cube.height, zero: cube.zero, scale: cube.scale }],
-            color_map: cube.color,
+            reliefs: vec![Relief::new(cube.height, cube.zero, cube.scale)],
+            materials: vec![cube.color.into()],
             subdivisions,
         };
         let method = Method::BruteForce;

@@ -44,12 +44,11 @@ impl HostScene {
             return Ok(host);
         }
         let start = Instant::now();
-        let words = usize::try_from(scene.pyramid_words(features)).unwrap_or(usize::MAX);
+        let words = usize::try_from(scene.pyramid_words()).unwrap_or(usize::MAX);
         host.height_ranges = reserved("the height maps' pyramids", words)?;
         host.height_ranges.resize(words, 0);
         let SceneBuffers { displacements, height_texels, .. } = &host.buffers;
-        let (format, wrap) = (features.height_format, features.height_wrap);
-        build_pyramids(displacements, height_texels, &mut host.height_ranges, format, wrap);
+        build_pyramids(displacements, height_texels, &mut host.height_ranges);
         host.prepare_prisms()?;
         host.build_bvh(start);
         Ok(host)
@@ -69,6 +68,7 @@ impl HostScene {
             seams: &self.buffers.seams,
             seam_sides: &self.buffers.seam_sides,
             color_texels: &self.buffers.color_texels,
+            materials: &self.buffers.materials,
             lights: &self.buffers.lights,
         }
     }
@@ -185,7 +185,8 @@ fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
         height_texels: copied("the height maps", &scene.height_texels)?,
         seams: copied("the seams", &scene.seams)?,
         seam_sides: copied("the seams", &scene.seam_sides)?,
-        color_texels: copied("the colour map", &scene.color_texels)?,
+        color_texels: copied("the colour maps", &scene.color_texels)?,
+        materials: copied("the materials", &scene.materials)?,
         lights: copied("lights", &scene.lights)?,
     })
 }

@@ -10,8 +10,8 @@ use crate::heights;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
-    Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide,
-    Seams, Triangle, Vertex, color_format, counter, height_format, method,
+    Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS, PointLight, Ray,
+    SeamSide, Seams, Triangle, Vertex, color_format, counter, height_format, method, wrap,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -26,7 +26,8 @@ pub struct SceneBuffers {
     pub vertices: Vec<Vertex>,
     /// Base triangles; their heights are not read.
     pub triangles: Vec<Triangle>,
-    /// How the height maps displace, their pyramids one behind the other.
+    /// How the height maps displace, their pyramids one behind the other. Those of one image with one wrap may share a
+    /// pyramid.
     pub displacements: Vec<Displacement>,
     /// Packed height maps.
     pub height_texels: Vec<u32>,
@@ -34,17 +35,19 @@ pub struct SceneBuffers {
     pub seams: Vec<Seams>,
     /// The sides of seams, and the readings of decided corners.
     pub seam_sides: Vec<SeamSide>,
-    /// Packed colour map.
+    /// Packed colour maps.
     pub color_texels: Vec<u32>,
+    /// What surfaces look like.
+    pub materials: Vec<Material>,
     /// Lights.
     pub lights: Vec<PointLight>,
 }
 
 impl SceneBuffers {
     /// Words of the pyramids of all maps, one behind the other.
-    pub fn pyramid_words(&self, features: Features) -> u64 {
-        let words = |map: &Displacement| pyramid_words(features.height_format, map.map_width, map.map_height);
-        self.displacements.iter().map(|map| u64::from(words(map))).sum()
+    pub fn pyramid_words(&self) -> u64 {
+        let words = |map: &Displacement| pyramid_words(map.format, map.map_width, map.map_height);
+        heights::pyramids(&self.displacements).map(|(_, map)| u64::from(words(map))).sum()
     }
 
     /// Checks every index that kernels follow without looking: a device build reads beyond a buffer without a word.
@@ -57,10 +60,16 @@ impl SceneBuffers {
         let map_words = |width: u32, height: u32, words_for: fn(u64) -> u64| {
             words_for(u64::from(width) * u64::from(height))
         };
-        let texel_words = |map: &Displacement| match features.height_format {
+        let texel_words = |map: &Displacement| match map.format {
             height_format::UNORM8 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(4)),
             height_format::UNORM16 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(2)),
             _ => map_words(map.map_width, map.map_height, |texels| texels),
+        };
+        let height_is_known = |map: &Displacement| {
+            map.format < height_format::PER_MAP
+                && map.wrap < wrap::PER_MAP
+                && map.known_format(features.height_format) == map.format
+                && map.known_wrap(features.height_wrap) == map.wrap
         };
         let within = |first: u32, words: u64, length: usize| u64::from(first) + words <= length as u64;
         let map_is_sound = |map: &Displacement| {
@@ -72,10 +81,14 @@ impl SceneBuffers {
         // Those of sound maps.
         let pyramids_are_in_line = || {
             let mut next = 0;
-            self.displacements.iter().all(|map| {
-                let first = next;
-                next += u64::from(pyramid_words(features.height_format, map.map_width, map.map_height));
-                u64::from(map.first_range) == first && next <= u32::MAX.into()
+            let place = |map: &Displacement| (map_of(map), map.first_range);
+            self.displacements.iter().enumerate().all(|(i, map)| {
+                if u64::from(map.first_range) == next {
+                    next += u64::from(pyramid_words(map.format, map.map_width, map.map_height));
+                    next <= u32::MAX.into()
+                } else {
+                    self.displacements[..i].iter().any(|other| place(other) == place(map))
+                }
             })
         };
         let seams_are_sound = |seams: &Seams| {
@@ -95,15 +108,28 @@ impl SceneBuffers {
         let maps = self.displacements.len();
         let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
-        let color_words = match features.color_format {
-            color_format::NONE => 0,
-            color_format::SRGB8 => map_words(frame.color_width, frame.color_height, |texels| 256 + texels),
-            _ => map_words(frame.color_width, frame.color_height, |texels| 3 * texels),
+        let names_a_material = |triangle: &Triangle| (triangle.material() as usize) < self.materials.len();
+        let color_words = |map: &Material| match map.color_format {
+            color_format::SRGB8 => map_words(map.color_width, map.color_height, |texels| 256 + texels),
+            _ => map_words(map.color_width, map.color_height, |texels| 3 * texels),
         };
-        let color_is_sound = features.color_format == color_format::NONE
-            || frame.color_width > 0
-                && frame.color_height > 0
-                && color_words <= self.color_texels.len().min(u32::MAX as usize) as u64;
+        let color_is_sound = |map: &Material| {
+            map.color_format == color_format::NONE
+                || map.color_width > 0
+                    && map.color_height > 0
+                    && within(
+                        map.first_word,
+                        color_words(map),
+                        self.color_texels.len().min(u32::MAX as usize),
+                    )
+        };
+        let color_is_known = |map: &Material| {
+            let (format, wrap) = (features.color_format, features.color_wrap);
+            map.color_format < color_format::PER_MATERIAL
+                && map.color_wrap < wrap::PER_MAP
+                && (format == color_format::PER_MATERIAL || format == map.color_format)
+                && (wrap == wrap::PER_MAP || wrap == map.color_wrap || map.color_format == color_format::NONE)
+        };
         let traced = frame.triangle_count > 0;
         let displaced = traced && features.method != method::NONE;
         let welded = traced && features.seams != 0;
@@ -115,6 +141,8 @@ impl SceneBuffers {
             FEWER_LIGHTS
         } else if traced && !self.triangles.iter().all(names_a_map) {
             "a triangle names a height map that is not there"
+        } else if traced && !self.displacements.iter().all(height_is_known) {
+            "a height map is not stored, or not wrapped, as the features say"
         } else if traced && !self.displacements.iter().all(map_is_sound) {
             "the height map has fewer texels than its size says"
         } else if traced && !pyramids_are_in_line() {
@@ -127,8 +155,12 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
-        } else if traced && !color_is_sound {
-            "the colour map has fewer texels than its size says"
+        } else if traced && !self.triangles.iter().all(names_a_material) {
+            "a triangle names a material that is not there"
+        } else if traced && !self.materials.iter().all(color_is_known) {
+            "a colour map is not stored, or not wrapped, as the features say"
+        } else if traced && !self.materials.iter().all(color_is_sound) {
+            "a colour map has fewer texels than its size says"
         } else {
             return Ok(());
         };
@@ -147,9 +179,14 @@ fn check_lights(frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError
     Ok(())
 }
 
+/// What of a displacement is its map.
+fn map_of(map: &Displacement) -> [u32; 5] {
+    [map.map_width, map.map_height, map.first_word, map.format, map.wrap]
+}
+
 /// Finds out whether `new` differs from `loaded` in heights alone.
 fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<(), BackendError> {
-    let map = |d: &Displacement| (d.map_width, d.map_height, d.first_word, d.first_range);
+    let map = |d: &Displacement| (map_of(d), d.first_range);
     let is_sound = |d: &Displacement| {
         d.scale.is_finite() && d.zero.is_finite() && d.height_min.is_finite() && d.height_max.is_finite()
     };
@@ -166,8 +203,6 @@ fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<
 /// The frame of the loaded scene in another view: what the scene itself decides stays.
 fn with_view(loaded: &Frame, view: &Frame) -> Frame {
     Frame {
-        color_width: loaded.color_width,
-        color_height: loaded.color_height,
         triangle_count: loaded.triangle_count,
         subdivisions: loaded.subdivisions,
         height_min: loaded.height_min,
@@ -332,7 +367,7 @@ pub trait Backend {
 
     /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
     /// the shading's settings of `frame`, and with other lights. What of `frame` the scene decides (triangles, N,
-    /// heights, the colour map's size) is not read. Film and counters are cleared; nothing is built.
+    /// heights) is not read. Film and counters are cleared; nothing is built.
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
 
     /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed, and
@@ -376,18 +411,17 @@ mod tests {
             seams: vec![Seams { side_count: [1, 0, 0], reading_count: [0, 1, 0], ..Seams::default() }],
             seam_sides: vec![SeamSide::default()],
             displacements: vec![Displacement { map_width: 3, map_height: 3, ..Displacement::default() }],
+            materials: vec![Material {
+                color_format: color_format::SRGB8,
+                color_width: 3,
+                color_height: 3,
+                ..Material::default()
+            }],
             height_texels: vec![0; 3],
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
         };
-        let frame = Frame {
-            subdivisions: 1,
-            triangle_count: 1,
-            light_count: 1,
-            color_width: 3,
-            color_height: 3,
-            ..Frame::default()
-        };
+        let frame = Frame { subdivisions: 1, triangle_count: 1, light_count: 1, ..Frame::default() };
         let features = Features {
             method: method::QUADTREE,
             color_format: color_format::SRGB8,
@@ -443,7 +477,7 @@ mod tests {
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 16] = [
+        let breaks: [(&str, Break); 23] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
             ("fewer triangles", |_, frame| frame.triangle_count = 2),
             ("lights", |_, frame| frame.light_count = 2),
@@ -458,8 +492,15 @@ mod tests {
             ("names sides", |scene, _| scene.seams[0].flags = 1 << 2),
             ("side names a height map", |scene, _| scene.seam_sides[0].displacement = 1),
             ("N is not", |_, frame| frame.subdivisions = 0),
-            ("colour map", |_, frame| frame.color_width = 4),
-            ("colour map", |_, frame| frame.color_width = 0),
+            ("height map is not stored", |scene, _| scene.displacements[0].format = height_format::UNORM16),
+            ("height map is not stored", |scene, _| scene.displacements[0].wrap = wrap::MIRROR),
+            ("names a material", |scene, _| scene.triangles[0] = scene.triangles[0].with_material(1)),
+            ("colour map has fewer", |scene, _| scene.materials[0].color_width = 4),
+            ("colour map has fewer", |scene, _| scene.materials[0].color_width = 0),
+            ("colour map has fewer", |scene, _| scene.materials[0].first_word = 1),
+            ("colour map is not stored", |scene, _| scene.materials[0].color_format = color_format::FLOAT32),
+            ("colour map is not stored", |scene, _| scene.materials[0].color_format = 9),
+            ("colour map is not stored", |scene, _| scene.materials[0].color_wrap = wrap::CLAMP),
         ];
         for (expected, fault) in breaks {
             let (mut scene, mut frame, features) = sound();

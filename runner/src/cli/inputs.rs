@@ -1,15 +1,19 @@
 //! The six arguments: model, maps and relief, and what stands in for those that are left out.
 
 use crate::render::Scene;
+use crate::scene::assembly::{Assembly, MapSource, MaterialSource};
 use crate::scene::builtin::{self, BuiltinScene};
-use crate::scene::image::{load_color_map, load_height_map};
+use crate::scene::error::SceneFileProblem;
 use crate::scene::obj::load_obj;
-use crate::scene::{ColorMap, HeightMap, MaterialMaps, Mesh, Relief, SceneError};
-use crate::settings::Light;
-use emboss_kernels::interface::height_format;
-use glam::Vec3;
+use crate::scene::scene_file::{
+    MaterialChoice, ModelSource, SceneColor, SceneFile, SceneMaterial, SceneModel,
+};
+use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
+use crate::settings::{Light, Wrap};
+use glam::{DAffine3, Vec3};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The texel value of no displacement unless said otherwise: mid-grey, so that a model keeps its size.
 const ZERO: f32 = 0.5;
@@ -28,6 +32,8 @@ pub(super) enum ModelArgument {
     Builtin(String),
     /// An OBJ file.
     File(PathBuf),
+    /// A scene file.
+    Scene(PathBuf),
 }
 
 /// COLOR or HEIGHT.
@@ -42,15 +48,19 @@ pub(super) enum MapArgument {
     File(PathBuf),
 }
 
-/// The six arguments as given, and `--invert`.
-pub(super) struct Request {
-    pub(super) model: ModelArgument,
+/// The six arguments as given, and the options that concern all maps.
+pub(super) struct Request<'a> {
+    pub(super) model: &'a ModelArgument,
+    /// What the scene file says, where the model is one.
+    pub(super) scene: Option<&'a SceneFile>,
     pub(super) color: MapArgument,
     pub(super) height: MapArgument,
     pub(super) zero: Option<f32>,
     pub(super) scale: Option<f32>,
     pub(super) subdivisions: Option<u32>,
     pub(super) invert: bool,
+    /// `--wrap`: of all maps, whatever their materials say.
+    pub(super) wrap: Option<Wrap>,
 }
 
 /// What the arguments come to.
@@ -58,9 +68,9 @@ pub(super) struct Inputs {
     pub(super) scene: Scene,
     /// For the user: each argument's value and where it comes from.
     pub(super) choices: [Choice; 6],
-    /// A built-in scene's direction to the camera, and what is up.
+    /// The direction to the camera of a built-in scene that is alone, and what is up.
     pub(super) view: Option<(Vec3, Vec3)>,
-    /// A built-in scene's lights.
+    /// Its lights.
     pub(super) lights: Vec<Light>,
 }
 
@@ -97,83 +107,281 @@ const MATERIAL: &str = "from the materials";
 /// The geometry carries the relief, so a normal map has nothing to add to the shading; but where materials have no
 /// other picture of the surface, it shows which part is which, as the program did that Emboss follows.
 const NORMAL_MAP: &str = "from the materials: their normal map, for want of a map_Kd";
+const SCENE_FILE: &str = "from the scene file";
 const DEFAULT: &str = "default";
+const SEVERAL: &str = "several origins";
 
-/// A model before its arguments are settled: what stands in for those left out.
+/// A model before the arguments are settled.
 struct Model {
     name: String,
     mesh: Mesh,
-    maps: MaterialMaps,
+    /// At least one; the mesh's triangles name theirs.
+    materials: Vec<Described>,
     builtin: Option<Recommended>,
 }
 
-/// What a built-in scene brings beside its mesh.
+/// What a built-in scene brings beside its mesh and its material.
 struct Recommended {
-    height: HeightMap,
-    color: Option<ColorMap>,
-    zero: f32,
-    scale: f32,
     subdivisions: u32,
     view: (Vec3, Vec3),
     lights: Vec<Light>,
 }
 
-/// A value, how it is shown, and where it comes from.
-struct Settled<T> {
-    value: T,
-    shown: String,
-    origin: &'static str,
-}
-
-impl<T> Settled<T> {
-    fn new(value: T, shown: impl fmt::Display, origin: &'static str) -> Settled<T> {
-        Settled { value, shown: shown.to_string(), origin }
-    }
-
-    fn choice(&self, name: &'static str) -> Choice {
-        Choice { name, value: self.shown.clone(), origin: self.origin }
-    }
+/// A material, and where what it says comes from.
+struct Described {
+    /// What the model calls it; empty where it has no name.
+    name: String,
+    /// Where a scene file describes it.
+    line: Option<usize>,
+    source: MaterialSource,
+    color: &'static str,
+    height: &'static str,
+    zero: &'static str,
+    scale: &'static str,
 }
 
 /// Loads what the arguments name, and fills in what they leave out.
-pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
-    let mut model = load_model(&request.model)?;
-    let builtin = model.builtin.as_ref();
-    let zero = number(request.zero, builtin.map(|b| b.zero), || ZERO);
-    let scale = number(request.scale, builtin.map(|b| b.scale), || SCALE_SHARE * diagonal(&model.mesh));
-    let subdivisions = number(request.subdivisions, builtin.map(|b| b.subdivisions), || SUBDIVISIONS);
-    let color = color_map(&request.color, &mut model)?;
-    let height = height_map(request, zero.value, &mut model)?;
-    warn_of_map(&height);
-
-    let model_origin = if request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
-    let choices = [
-        Choice { name: "model", value: model.name, origin: model_origin },
-        color.choice("color"),
-        height.choice("height"),
-        zero.choice("zero"),
-        scale.choice("scale"),
-        subdivisions.choice("N"),
-    ];
-    let scene = Scene {
-        mesh: model.mesh,
-        reliefs: vec![Relief { map: height.value, zero: zero.value, scale: scale.value }],
-        color_map: color.value,
-        subdivisions: subdivisions.value,
+pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
+    let mut models = match request.scene {
+        None => vec![load_model(request.model)?],
+        Some(scene) => {
+            scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
+        }
     };
-    let (view, lights) = model.builtin.map_or((None, Vec::new()), |b| (Some(b.view), b.lights));
-    Ok(Inputs { scene, choices, view, lights })
+    if let Some(scene) = request.scene {
+        for (name, line) in scene.idle_materials() {
+            tracing::warn!("{}:{line}: no model has the material `{name}`", scene.path.display());
+        }
+    }
+    let materials = models.iter_mut().flat_map(|model| &mut model.materials);
+    materials.for_each(|material| material.change(request));
+    let recommended = models.iter().filter_map(|model| model.builtin.as_ref()).map(|b| b.subdivisions).max();
+    let in_scene = request.scene.and_then(|scene| scene.subdivisions);
+    let (subdivisions, n_origin) = match (request.subdivisions, in_scene, recommended) {
+        (Some(n), ..) => (n, GIVEN),
+        (None, Some(n), _) => (n, SCENE_FILE),
+        (None, None, Some(n)) => (n, BUILTIN),
+        (None, None, None) => (SUBDIVISIONS, DEFAULT),
+    };
+    let name = request.scene.map_or_else(|| models[0].name.clone(), |scene| scene.path.display().to_string());
+    let model_origin = if *request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
+    let all = |name, of: fn(&Described) -> (String, &'static str)| {
+        Choice::of_all(name, models.iter().flat_map(|model| &model.materials).map(of))
+    };
+    let choices = [
+        Choice { name: "model", value: name, origin: model_origin },
+        all("color", |m| (color_name(&m.source), m.color)),
+        all("height", |m| (map_name(m.source.height.as_ref()), m.height)),
+        all("zero", |m| (m.source.zero.to_string(), m.zero)),
+        all("scale", |m| (m.source.scale.to_string(), m.scale)),
+        Choice { name: "N", value: subdivisions.to_string(), origin: n_origin },
+    ];
+    let (mut view, mut lights) = (None, Vec::new());
+    if let (None, [Model { builtin: Some(builtin), .. }]) = (request.scene, &models[..]) {
+        (view, lights) = (Some(builtin.view), builtin.lights.clone());
+    }
+    let mut assembly = Assembly::default();
+    for Model { mesh, materials, .. } in models {
+        let ids = materials.iter().map(|material| {
+            assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
+                (Some(scene), Some(line)) => named_by(scene, line, error),
+                _ => error,
+            })
+        });
+        let ids = ids.collect::<Result<Vec<_>, _>>()?;
+        assembly.add(mesh, &ids);
+    }
+    Ok(Inputs { scene: assembly.finish(subdivisions), choices, view, lights })
+}
+
+/// What is wrong with a file that a line of a scene file names.
+fn named_by(scene: &SceneFile, line: usize, source: SceneError) -> SceneError {
+    SceneError::NamedBySceneFile { path: scene.path.clone(), line, source: Box::new(source) }
+}
+
+/// A model of a scene file in its place, with its materials.
+fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, InputError> {
+    let wrong = |problem| SceneError::SceneFile { path: scene.path.clone(), line: model.line, problem };
+    let mut loaded = match &model.source {
+        ModelSource::Builtin(name) => load_builtin(name)?,
+        ModelSource::File(path) => load_file(path).map_err(|error| named_by(scene, model.line, error))?,
+    };
+    if model.world_from_model != DAffine3::IDENTITY {
+        let moved = loaded.mesh.transformed(model.world_from_model);
+        loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+    }
+    let known = || loaded.materials.iter().map(|material| material.name.clone());
+    if let MaterialChoice::ByName(names) = &model.materials
+        && let Some(name) = names.keys().find(|name| !known().any(|known| known == **name))
+    {
+        let known = known().filter(|name| !name.is_empty()).collect();
+        return Err(wrong(SceneFileProblem::UnknownModelMaterial { name: name.clone(), known }).into());
+    }
+    // Heights that the scene file does not give keep their share of the model's size.
+    #[expect(clippy::cast_possible_truncation, reason = "rounded")]
+    let growth = model.world_from_model.matrix3.determinant().abs().cbrt() as f32;
+    for material in &mut loaded.materials {
+        material.source.scale *= growth;
+        let chosen = match &model.materials {
+            MaterialChoice::Own => None,
+            MaterialChoice::All(name) => Some(name),
+            MaterialChoice::ByName(names) => names.get(&material.name),
+        };
+        if let Some(chosen) = chosen {
+            material.choose(&scene.materials[chosen]);
+        }
+    }
+    Ok(loaded)
+}
+
+impl Choice {
+    /// What all materials have; where they differ each value once.
+    fn of_all(name: &'static str, values: impl Iterator<Item = (String, &'static str)>) -> Choice {
+        let (mut shown, mut origins) = (Vec::new(), Vec::new());
+        for (value, origin) in values {
+            if !shown.contains(&value) {
+                shown.push(value);
+            }
+            if !origins.contains(&origin) {
+                origins.push(origin);
+            }
+        }
+        let more = shown.len().saturating_sub(MOST_SHOWN);
+        shown.truncate(MOST_SHOWN);
+        let mut value = shown.join(", ");
+        if more > 0 {
+            value = format!("{value} and {more} more");
+        }
+        Choice { name, value, origin: if let [origin] = origins[..] { origin } else { SEVERAL } }
+    }
+}
+
+/// How many different values of materials are named.
+const MOST_SHOWN: usize = 4;
+
+fn map_name<T>(map: Option<&MapSource<T>>) -> String {
+    match map {
+        None => "none".to_owned(),
+        Some(MapSource::File(path)) => path.display().to_string(),
+        Some(MapSource::Made { name, .. }) => name.clone(),
+    }
+}
+
+fn color_name(source: &MaterialSource) -> String {
+    match (&source.color, source.albedo) {
+        (None, Some(albedo)) => {
+            let [r, g, b] = albedo.to_array().map(|part| (1000.0 * part).round() / 1000.0);
+            format!("{r},{g},{b}")
+        }
+        (map, _) => map_name(map.as_ref()),
+    }
+}
+
+impl Described {
+    /// Takes what the command line says of all materials.
+    fn change(&mut self, request: &Request<'_>) {
+        let source = &mut self.source;
+        match &request.color {
+            MapArgument::Default => {}
+            MapArgument::None => (source.color, self.color) = (None, GIVEN),
+            MapArgument::File(path) => {
+                (source.color, self.color) = (Some(MapSource::File(path.clone())), GIVEN);
+            }
+        }
+        match &request.height {
+            MapArgument::Default => {}
+            MapArgument::None => (source.height, self.height) = (None, GIVEN),
+            MapArgument::File(path) => {
+                (source.height, self.height) = (Some(MapSource::File(path.clone())), GIVEN);
+            }
+        }
+        if let Some(zero) = request.zero {
+            (source.zero, self.zero) = (zero, GIVEN);
+        }
+        if let Some(scale) = request.scale {
+            (source.scale, self.scale) = (scale, GIVEN);
+        }
+        if let Some(wrap) = request.wrap {
+            (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
+        }
+        source.invert |= request.invert;
+    }
+
+    /// Takes what a scene file says of it.
+    fn choose(&mut self, material: &SceneMaterial) {
+        let source = &mut self.source;
+        self.line = Some(material.line);
+        match &material.color {
+            None => {}
+            Some(SceneColor::None) => (source.color, self.color) = (None, SCENE_FILE),
+            Some(SceneColor::Plain(albedo)) => {
+                (source.color, source.albedo, self.color) = (None, Some(*albedo), SCENE_FILE);
+            }
+            Some(SceneColor::Map(path)) => {
+                (source.color, self.color) = (Some(MapSource::File(path.clone())), SCENE_FILE);
+            }
+        }
+        if let Some(height) = &material.height {
+            (source.height, self.height) = (height.clone().map(MapSource::File), SCENE_FILE);
+        }
+        if let Some(zero) = material.zero {
+            (source.zero, self.zero) = (zero, SCENE_FILE);
+        }
+        if let Some(scale) = material.scale {
+            (source.scale, self.scale) = (scale, SCENE_FILE);
+        }
+        if let Some(wrap) = material.wrap {
+            (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
+        }
+        source.invert = material.invert.unwrap_or(source.invert);
+    }
+
+    /// A material of a model's file; `scale` is the height that its maps have where it says nothing of that.
+    fn of_model(material: ModelMaterial, scale: f32) -> Described {
+        let color = existing(material.color).map(|map| (map, MATERIAL));
+        let color = color.or_else(|| existing(material.normal).map(|map| (map, NORMAL_MAP)));
+        let height = existing(material.height);
+        // base + gain t = gain (t + base / gain)
+        let range = height.as_ref().and_then(|map| map.base_and_gain).filter(|&(_, gain)| gain != 0.0);
+        let color_origin = match (&color, material.albedo) {
+            (Some((_, origin)), _) => origin,
+            (None, Some(_)) => MATERIAL,
+            (None, None) => DEFAULT,
+        };
+        Described {
+            name: material.name,
+            line: None,
+            height: if height.is_some() { MATERIAL } else { DEFAULT },
+            color: color_origin,
+            zero: if range.is_some() { MATERIAL } else { DEFAULT },
+            scale: if range.is_some() { MATERIAL } else { DEFAULT },
+            source: MaterialSource {
+                albedo: material.albedo,
+                color_wrap: color.as_ref().and_then(|(map, _)| map.wrap),
+                color: color.map(|(map, _)| MapSource::File(map.path)),
+                height_wrap: height.as_ref().and_then(|map| map.wrap),
+                height: height.map(|map| MapSource::File(map.path)),
+                zero: range.map_or(ZERO, |(base, gain)| -base / gain),
+                scale: range.map_or(scale, |(_, gain)| gain),
+                invert: false,
+            },
+        }
+    }
 }
 
 fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
     match argument {
-        ModelArgument::File(path) => {
-            let (mesh, maps) = load_obj(path)?;
-            Ok(Model { name: path.display().to_string(), mesh, maps, builtin: None })
-        }
+        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path)?),
         ModelArgument::Builtin(name) => load_builtin(name),
         ModelArgument::Default => load_builtin("builtin:knot"),
     }
+}
+
+fn load_file(path: &Path) -> Result<Model, SceneError> {
+    let (mesh, materials) = load_obj(path)?;
+    let scale = SCALE_SHARE * diagonal(&mesh);
+    let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
+    Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -185,20 +393,29 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         color: light.color,
         intensity: Some(light.intensity),
     };
-    let lights = lights.into_iter().map(light).collect();
-    let recommended = Recommended { height, color, zero, scale, subdivisions, view: (view, up), lights };
-    Ok(Model { name: name.to_owned(), mesh, maps: MaterialMaps::default(), builtin: Some(recommended) })
-}
-
-/// A number as given, else the built-in scene's, else the default.
-fn number<T: fmt::Display>(given: Option<T>, builtin: Option<T>, default: impl FnOnce() -> T) -> Settled<T> {
-    let (value, origin) = match (given, builtin) {
-        (Some(value), _) => (value, GIVEN),
-        (None, Some(value)) => (value, BUILTIN),
-        (None, None) => (default(), DEFAULT),
+    let source = MaterialSource {
+        albedo: None,
+        color: color.map(|map| MapSource::Made { name: name.to_owned(), map: Arc::new(map) }),
+        color_wrap: None,
+        height: Some(MapSource::Made { name: name.to_owned(), map: Arc::new(height) }),
+        height_wrap: None,
+        zero,
+        scale,
+        invert: false,
     };
-    let shown = value.to_string();
-    Settled { value, shown, origin }
+    let color = if source.color.is_some() { BUILTIN } else { DEFAULT };
+    let material = Described {
+        name: String::new(),
+        line: None,
+        source,
+        color,
+        height: BUILTIN,
+        zero: BUILTIN,
+        scale: BUILTIN,
+    };
+    let lights = lights.into_iter().map(light).collect();
+    let recommended = Recommended { subdivisions, view: (view, up), lights };
+    Ok(Model { name: name.to_owned(), mesh, materials: vec![material], builtin: Some(recommended) })
 }
 
 /// The diagonal of the mesh's box; 0 for an empty mesh.
@@ -208,77 +425,16 @@ fn diagonal(mesh: &Mesh) -> f32 {
     mesh.bounds().map_or(0.0, |(min, max)| min.as_dvec3().distance(max.as_dvec3()) as f32)
 }
 
-fn color_map(argument: &MapArgument, model: &mut Model) -> Result<Settled<Option<ColorMap>>, InputError> {
-    let load = |path: &Path, origin| -> Result<_, InputError> {
-        Ok(Settled::new(Some(load_color_map(path)?), path.display(), origin))
-    };
-    match argument {
-        MapArgument::File(path) => load(path, GIVEN),
-        MapArgument::None => Ok(Settled::new(None, "none", GIVEN)),
-        MapArgument::Default => match (&mut model.builtin, existing(model.maps.color.as_deref())) {
-            (Some(builtin), _) if builtin.color.is_some() => {
-                Ok(Settled::new(builtin.color.take(), &model.name, BUILTIN))
-            }
-            (None, Some(path)) => load(path, MATERIAL),
-            _ => match existing(model.maps.normal.as_deref()) {
-                Some(path) => load(path, NORMAL_MAP),
-                None => Ok(Settled::new(None, "none", DEFAULT)),
-            },
-        },
-    }
-}
-
-fn height_map(request: &Request, zero: f32, model: &mut Model) -> Result<Settled<HeightMap>, InputError> {
-    let load = |path: &Path, origin| -> Result<_, InputError> {
-        Ok(Settled::new(load_height_map(path, zero, request.invert)?, path.display(), origin))
-    };
-    match &request.height {
-        MapArgument::File(path) => load(path, GIVEN),
-        MapArgument::None => Ok(Settled::new(HeightMap::flat(zero), "none", GIVEN)),
-        MapArgument::Default => match (&mut model.builtin, existing(model.maps.height.as_deref())) {
-            (Some(builtin), _) => {
-                let map = std::mem::replace(&mut builtin.height, HeightMap::flat(zero));
-                let map = if request.invert { inverted(map) } else { map };
-                Ok(Settled::new(map, &model.name, BUILTIN))
-            }
-            (None, Some(path)) => load(path, MATERIAL),
-            _ => Ok(Settled::new(HeightMap::flat(zero), "none", DEFAULT)),
-        },
-    }
-}
-
-/// The map with each texel t replaced by 1 - t: for integer codes, packed in words, the complement of all bits.
-fn inverted(map: HeightMap) -> HeightMap {
-    let invert = |word: u32| match map.format {
-        height_format::FLOAT32 => (1.0 - f32::from_bits(word)).to_bits(),
-        _ => !word,
-    };
-    let texels = map.texels.into_iter().map(invert).collect();
-    HeightMap { texels, range: (1.0 - map.range.1, 1.0 - map.range.0), ..map }
-}
-
 /// A map that materials name, where it is there. Materials often come without their maps: that is worth a warning,
 /// not an end.
-fn existing(path: Option<&Path>) -> Option<&Path> {
-    let path = path?;
-    if !path.is_file() {
+fn existing(map: Option<MapFile>) -> Option<MapFile> {
+    let map = map?;
+    if !map.path.is_file() {
         tracing::warn!(
             "{}: the materials name this map, but it is not there; going on without it",
-            path.display()
+            map.path.display()
         );
+        return None;
     }
-    path.is_file().then_some(path)
-}
-
-/// One line for each thing about a height map that may surprise in the picture.
-fn warn_of_map(height: &Settled<HeightMap>) {
-    let Settled { value: map, shown, .. } = height;
-    if map.has_steps() {
-        tracing::warn!(
-            "{shown}: has 8 bits, so that slopes come in 256 steps; a map of 16 bits or floats is smooth"
-        );
-    }
-    if map.replaced > 0 {
-        tracing::warn!("{shown}: {} texels are NaN or infinite; they do not displace", map.replaced);
-    }
+    Some(map)
 }

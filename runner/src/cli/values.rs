@@ -32,12 +32,16 @@ fn or_default<T>(text: &str, parse: fn(&str) -> Result<T, String>) -> Result<OrD
     if text == LEFT_OUT { Ok(OrDefault::Default) } else { parse(text).map(OrDefault::Given) }
 }
 
-/// A file or `builtin:NAME`. File names need not be UTF-8.
+/// A file or `builtin:NAME`; a scene file where its name ends in `.toml`. File names need not be UTF-8.
 pub(super) fn model() -> impl TypedValueParser<Value = ModelArgument> {
     OsStringValueParser::new().map(|text| match text.to_str() {
         Some(LEFT_OUT) => ModelArgument::default(),
         Some(name) if name.starts_with("builtin:") => ModelArgument::Builtin(name.to_owned()),
-        _ => ModelArgument::File(PathBuf::from(text)),
+        _ => {
+            let path = PathBuf::from(text);
+            let is_scene = path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("toml"));
+            if is_scene { ModelArgument::Scene(path) } else { ModelArgument::File(path) }
+        }
     })
 }
 

@@ -34,6 +34,26 @@ pub enum SceneError {
         /// What is wrong with it.
         problem: ObjProblem,
     },
+    /// A scene file says what cannot be.
+    #[error("{}:{line}: {problem}", path.display())]
+    SceneFile {
+        /// The scene file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with it.
+        problem: SceneFileProblem,
+    },
+    /// A file that a scene file names cannot be used.
+    #[error("{}:{line}: {source}", path.display())]
+    NamedBySceneFile {
+        /// The scene file.
+        path: PathBuf,
+        /// The line of the model or the material that names it, from 1.
+        line: usize,
+        /// What is wrong with it.
+        source: Box<SceneError>,
+    },
     /// A model has no face.
     #[error("{}: has no faces; export the mesh with its polygons, and check that it is an OBJ file", path.display())]
     NoFaces {
@@ -92,6 +112,70 @@ pub enum SceneError {
         /// The greatest width and height.
         limit: u32,
     },
+}
+
+/// What is wrong with a scene file, and what to do about it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneFileProblem {
+    /// It is not text.
+    #[error("not UTF-8 text; save the scene file as UTF-8")]
+    NotUtf8,
+    /// It is no TOML, or has a key or a value that a scene file has not.
+    #[error("{message}; docs/SCENE.md lists the keys and their values")]
+    Toml {
+        /// What the reader said.
+        message: String,
+    },
+    /// There is nothing to see.
+    #[error("the scene has no model; add one, such as [[model]] with path = \"model.obj\"")]
+    NoModel,
+    /// More pixels than kernels can number.
+    #[error("a picture of {width}x{height} has more than {} pixels; choose a smaller size", u32::MAX)]
+    TooManyPixels {
+        /// Pixels of a row.
+        width: u64,
+        /// Rows.
+        height: u64,
+    },
+    /// A model comes from nowhere, or from two places.
+    #[error("a model has either a path or a builtin; write one of them, such as path = \"model.obj\"")]
+    ModelSource,
+    /// No built-in scene has this name.
+    #[error("there is no built-in scene `{name}`; choose {}", super::builtin::NAMES.join(", "))]
+    UnknownBuiltin {
+        /// The name, with `builtin:`.
+        name: String,
+    },
+    /// A model has a material that the file does not have.
+    #[error("there is no [material.{name}]; add it, or choose {}", listed(known))]
+    UnknownMaterial {
+        /// What the model names.
+        name: String,
+        /// The file's materials.
+        known: Vec<String>,
+    },
+    /// A table of materials names one that the model's file does not use.
+    #[error("the model has no material `{name}`; it has {}", listed(known))]
+    UnknownModelMaterial {
+        /// What the table names.
+        name: String,
+        /// The model's materials.
+        known: Vec<String>,
+    },
+    /// A model is scaled to nothing.
+    #[error("a scale of 0 leaves nothing of the model; write another number, or leave scale out")]
+    ZeroScale,
+    /// A model's coordinates do not fit into floats.
+    #[error(
+        "the model's coordinates become too large, or it too small, to compute with; change scale or translate"
+    )]
+    Transform,
+}
+
+/// Names as a user reads them.
+fn listed(names: &[String]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 /// What is wrong with a line of an OBJ file, and what to do about it.

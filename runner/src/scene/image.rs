@@ -80,6 +80,16 @@ impl HeightMap {
         Self { width, height, format, texels, range, replaced }
     }
 
+    /// The map with each texel t replaced by 1 - t: for integer codes, packed in words, the complement of all bits.
+    pub fn inverted(&self) -> Self {
+        let invert = |&word: &u32| match self.format {
+            height_format::FLOAT32 => (1.0 - f32::from_bits(word)).to_bits(),
+            _ => !word,
+        };
+        let (min, max) = self.range;
+        Self { texels: self.texels.iter().map(invert).collect(), range: (1.0 - max, 1.0 - min), ..*self }
+    }
+
     /// Whether its texels have only 256 values, so that a smooth slope becomes a staircase.
     pub fn has_steps(&self) -> bool {
         self.format == height_format::UNORM8

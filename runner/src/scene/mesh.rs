@@ -2,13 +2,14 @@
 
 use super::Mesh;
 use emboss_kernels::interface::{FLIPPED, NO_SEAMS, Triangle, Vertex};
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::collections::HashMap;
 
 /// A triangle of the source with three different positions.
 struct Face {
     /// Indices of its vertices, counter-clockwise seen from outside.
     vertices: [u32; 3],
+    material: u32,
     /// Its outward normal, twice its area long: zero for a sliver, whose positions lie in a line.
     area_normal: DVec3,
 }
@@ -37,7 +38,16 @@ impl Mesh {
     ///
     /// Positions, normals and texture coordinates must be finite, indices within `vertices`.
     pub fn from_triangles(vertices: &[Vertex], triangles: &[[u32; 3]]) -> Self {
-        let faces: Vec<Face> = triangles.iter().filter_map(|&t| face(vertices, t)).collect();
+        Self::with_materials(vertices, triangles.iter().map(|&triangle| (triangle, 0)))
+    }
+
+    /// [`from_triangles`](Self::from_triangles), each triangle with the index of its material.
+    pub fn with_materials(
+        vertices: &[Vertex],
+        triangles: impl ExactSizeIterator<Item = ([u32; 3], u32)>,
+    ) -> Self {
+        let given = triangles.len();
+        let faces: Vec<Face> = triangles.filter_map(|(t, material)| face(vertices, t, material)).collect();
         let positions = weld_positions(vertices, &faces);
         let normals = computed_normals(&positions, &faces);
         let mut unified = Unified::default();
@@ -48,11 +58,56 @@ impl Mesh {
             })
             .collect();
         let (vertices, new_index) = unified.into_sorted();
+        let triangle = |(t, face): (&[u32; 3], &Face)| {
+            oriented(t.map(|v| new_index[v as usize])).with_material(face.material)
+        };
         Self {
             vertices,
-            triangles: indices.iter().map(|t| oriented(t.map(|v| new_index[v as usize]))).collect(),
-            dropped: triangles.len() - faces.len(),
+            triangles: indices.iter().zip(&faces).map(triangle).collect(),
+            dropped: given - faces.len(),
+            starts: Vec::new(),
         }
+    }
+
+    /// The mesh in another place; `None` where its coordinates are not finite there or no triangle is left. A mirrored one
+    /// keeps its outside. Where rounding moves vertices to one position they are welded, as in
+    /// [`from_triangles`](Self::from_triangles).
+    pub fn transformed(&self, world_from_model: DAffine3) -> Option<Self> {
+        let matrix = world_from_model.matrix3;
+        let normal_matrix = matrix.inverse().transpose();
+        let mirrored = matrix.determinant() < 0.0;
+        let transformed = |vertex: &Vertex| Vertex {
+            position: world_from_model.transform_point3(vertex.position.as_dvec3()).as_vec3(),
+            normal: (normal_matrix * vertex.normal.as_dvec3()).normalize_or_zero().as_vec3(),
+            ..*vertex
+        };
+        let vertices: Vec<Vertex> = self.vertices.iter().map(transformed).collect();
+        let triangles = self.triangles.iter().map(|triangle| {
+            let [a, b, c] = triangle.vertices;
+            let flipped = (triangle.flags & FLIPPED != 0) != mirrored;
+            (if flipped { [a, c, b] } else { [a, b, c] }, triangle.material())
+        });
+        if !vertices.iter().all(|vertex| vertex.position.is_finite()) {
+            return None;
+        }
+        let mesh = Self::with_materials(&vertices, triangles);
+        let dropped = mesh.dropped + self.dropped;
+        (!mesh.triangles.is_empty()).then_some(Self { dropped, ..mesh })
+    }
+
+    /// Adds the triangles of another mesh, which do not weld with those that are there.
+    pub fn append(&mut self, other: Self) {
+        if self.vertices.is_empty() {
+            *self = other;
+            return;
+        }
+        let start = index(self.vertices.len());
+        self.starts.push(start);
+        self.starts.extend(other.starts.iter().map(|vertex| start + vertex));
+        self.vertices.extend(other.vertices);
+        let moved = |t: Triangle| Triangle { vertices: t.vertices.map(|v| start + v), ..t };
+        self.triangles.extend(other.triangles.into_iter().map(moved));
+        self.dropped += other.dropped;
     }
 
     /// The corners of the mesh's box, least first; `None` where it has no vertex.
@@ -67,14 +122,14 @@ impl Mesh {
 }
 
 /// The face of a triangle, `None` where two of its corners are at one position.
-fn face(vertices: &[Vertex], triangle: [u32; 3]) -> Option<Face> {
+fn face(vertices: &[Vertex], triangle: [u32; 3], material: u32) -> Option<Face> {
     let [p0, p1, p2] = triangle.map(|v| vertices[v as usize].position);
     // As with `bits`, -0 equals 0; positions are finite.
     if p0 == p1 || p1 == p2 || p2 == p0 {
         return None;
     }
     let [p0, p1, p2] = [p0, p1, p2].map(|p| p.as_dvec3());
-    Some(Face { vertices: triangle, area_normal: (p1 - p0).cross(p2 - p0) })
+    Some(Face { vertices: triangle, material, area_normal: (p1 - p0).cross(p2 - p0) })
 }
 
 /// For each vertex the number of its position, in order of first use by a face; vertices without a face get 0.
@@ -213,6 +268,7 @@ fn index(count: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DMat3;
 
     fn vertex(position: [f32; 3], normal: [f32; 3], u: f32, v: f32) -> Vertex {
         Vertex { position: position.into(), normal: normal.into(), u, v }
@@ -365,6 +421,61 @@ mod tests {
         // A position whose neighbours have none from faces has none.
         let chain = Mesh::from_triangles(&vertices, &faces);
         assert_eq!((normal(&chain, 2.0), normal(&chain, 1.0)), (normal(&mesh, 2.0), Vec3::ZERO));
+    }
+
+    /// A triangle with its own plane's normal, in a material, behind one that is left out.
+    fn plane() -> Mesh {
+        let normal = [2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0];
+        let vertices = [
+            vertex([1.0, 0.0, 0.0], normal, 0.0, 0.0),
+            vertex([0.0, 1.0, 0.0], normal, 1.0, 0.0),
+            vertex([0.0, 0.0, 2.0], normal, 0.0, 1.0),
+        ];
+        Mesh::with_materials(&vertices, [([0, 0, 1], 1), ([0, 1, 2], 3)].into_iter())
+    }
+
+    /// Normals stay those of the plane under any scale, and outside stays outside in a mirror.
+    #[test]
+    fn transformed_meshes_keep_their_outside() {
+        let rotation = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(-2.0);
+        for scale in [DVec3::ONE, DVec3::new(1e-3, 7.0, 2.0), DVec3::new(-1.0, 1.0, 1.0), DVec3::splat(-2.0)]
+        {
+            let matrix = rotation * DMat3::from_diagonal(scale);
+            let transform = DAffine3::from_mat3_translation(matrix, DVec3::new(1.0, 2.0, 3.0));
+            let mesh = plane().transformed(transform).expect("finite");
+            let [triangle] = mesh.triangles[..] else { panic!("{mesh:?}") };
+            assert_eq!((triangle.material(), mesh.dropped), (3, 1));
+            for v in &mesh.vertices {
+                // The triangle is up to 7 long and 1e-3 wide, and its corners are off by 2^-24 of 4.
+                assert!(v.normal.abs_diff_eq(normal_in(&mesh, triangle), 1e-3), "{scale} {v:?}");
+            }
+            let moved = transform.transform_point3(DVec3::new(0.0, 0.0, 2.0)).as_vec3();
+            assert!(mesh.vertices.iter().any(|v| v.position == moved && v.v == 1.0));
+        }
+    }
+
+    #[test]
+    fn transforms_that_leave_nothing_are_told() {
+        let scaled = |scale: f64| plane().transformed(DAffine3::from_scale(DVec3::splat(scale)));
+        assert!(scaled(1e39).is_none());
+        // All corners become 0.
+        assert!(scaled(1e-60).is_none());
+        assert!(scaled(1e-20).is_some());
+    }
+
+    #[test]
+    fn appended_meshes_have_their_own_vertices() {
+        let mut mesh = Mesh::default();
+        for _ in 0..3 {
+            mesh.append(plane());
+        }
+        assert_eq!((mesh.vertices.len(), mesh.dropped), (9, 3));
+        assert_eq!(mesh.starts, [3, 6]);
+        let indices: Vec<_> = mesh.triangles.iter().map(|t| t.vertices).collect();
+        assert_eq!(indices, [[0, 1, 2], [3, 4, 5], [6, 7, 8]]);
+        let mut two = plane();
+        two.append(mesh);
+        assert_eq!(two.starts, [3, 6, 9]);
     }
 
     #[test]

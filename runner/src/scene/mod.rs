@@ -1,15 +1,20 @@
 //! Scenes: meshes, maps and where they come from.
 
+pub mod assembly;
 pub mod builtin;
 pub mod error;
 pub mod image;
 mod mesh;
 mod noise;
 pub mod obj;
+pub mod scene_file;
 pub mod seams;
 
+use crate::settings::Wrap;
 use emboss_kernels::interface::{Triangle, Vertex};
+use glam::Vec3;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 pub use error::SceneError;
 
@@ -23,17 +28,34 @@ pub struct Mesh {
     pub triangles: Vec<Triangle>,
     /// How many triangles of the source had two corners at one position, or fewer than three, and were left out.
     pub dropped: usize,
+    /// The first vertex of each mesh that was [appended](Mesh::append): those before it have nothing in common with it.
+    pub starts: Vec<u32>,
 }
 
-/// Maps that a model's materials name, as paths that exist or not; the command line's take precedence.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct MaterialMaps {
+/// What a model's file says of one of its materials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ModelMaterial {
+    /// Its name; empty where the model names no material.
+    pub name: String,
+    /// `Kd`: linear RGB where there is no colour map.
+    pub albedo: Option<Vec3>,
     /// `map_Kd`.
-    pub color: Option<PathBuf>,
+    pub color: Option<MapFile>,
     /// `disp`, else `map_disp`, else `bump`.
-    pub height: Option<PathBuf>,
+    pub height: Option<MapFile>,
     /// `norm`: a tangent-space normal map.
-    pub normal: Option<PathBuf>,
+    pub normal: Option<MapFile>,
+}
+
+/// A map as a material names it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapFile {
+    /// The image, which exists or not.
+    pub path: PathBuf,
+    /// How it is read outside [0,1), where the file says it: `-clamp`.
+    pub wrap: Option<Wrap>,
+    /// What is added to its texels once they are multiplied by the second number: `-mm`.
+    pub base_and_gain: Option<(f32, f32)>,
 }
 
 /// A scalar map, packed as the kernels read it, top row first.
@@ -56,12 +78,45 @@ pub struct HeightMap {
 /// A height map and what it does: the height over texel t is `scale (t - zero)`.
 #[derive(Clone, Debug)]
 pub struct Relief {
-    /// The map.
-    pub map: HeightMap,
+    /// The map; those that share one keep it in memory once.
+    pub map: Arc<HeightMap>,
     /// The texel value of no displacement.
     pub zero: f32,
     /// Height of a texel step from 0 to 1, in model units.
     pub scale: f32,
+    /// How the map is read outside [0,1); `None`: as the settings say.
+    pub wrap: Option<Wrap>,
+}
+
+impl Relief {
+    /// A relief that is wrapped as the settings say.
+    pub fn new(map: impl Into<Arc<HeightMap>>, zero: f32, scale: f32) -> Self {
+        Self { map: map.into(), zero, scale, wrap: None }
+    }
+}
+
+/// What a surface looks like.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// Linear RGB without a colour map.
+    pub albedo: Vec3,
+    /// The colour map; materials that share one keep it in memory once.
+    pub color: Option<Arc<ColorMap>>,
+    /// How the map is read outside [0,1); `None`: as the settings say.
+    pub wrap: Option<Wrap>,
+}
+
+/// A light grey, so that both light and shade show.
+impl Default for Material {
+    fn default() -> Self {
+        Self { albedo: Vec3::splat(0.8), color: None, wrap: None }
+    }
+}
+
+impl From<Option<ColorMap>> for Material {
+    fn from(map: Option<ColorMap>) -> Self {
+        Self { color: map.map(Arc::new), ..Self::default() }
+    }
 }
 
 /// A colour map, packed as the kernels read it, top row first.

@@ -27,11 +27,11 @@ struct Side {
 impl SeamTable {
     /// Finds the seams of `mesh` and notes in its triangles which are theirs.
     ///
-    /// Vertices are at the same place where their positions are equal. The direction there is the normalised mean of
+    /// Vertices are at the same place where their positions are equal, and they are of one mesh (see [`Mesh::starts`]). The direction there is the normalised mean of
     /// their different normals; where these cancel, that of the first. Vertices at a place must have neighbouring
     /// indices, as [`Mesh::from_triangles`] gives them, so that all sides of an edge start at the same end.
     pub fn find(mesh: &mut Mesh) -> SeamTable {
-        let place_of = places(&mesh.vertices);
+        let place_of = places(mesh);
         let directions = decided_directions(mesh, &place_of);
         let edges = edges(mesh, &place_of);
         let mut table = SeamTable::default();
@@ -140,15 +140,14 @@ fn seams_of(
 }
 
 /// For each vertex the number of its place.
-fn places(vertices: &[Vertex]) -> Vec<u32> {
+fn places(mesh: &Mesh) -> Vec<u32> {
     let mut numbers = HashMap::new();
-    vertices
-        .iter()
-        .map(|vertex| {
-            let next = index(numbers.len());
-            *numbers.entry(key(vertex.position)).or_insert(next)
-        })
-        .collect()
+    let mut place = |(i, vertex): (u32, &Vertex)| {
+        let mesh_number = mesh.starts.partition_point(|&start| start <= i);
+        let next = index(numbers.len());
+        *numbers.entry((mesh_number, key(vertex.position))).or_insert(next)
+    };
+    (0..).zip(&mesh.vertices).map(&mut place).collect()
 }
 
 /// The direction at each place where several vertices, or triangles of several height maps, meet.
@@ -241,7 +240,7 @@ mod tests {
     use super::*;
     use crate::backend::host_scene::HostScene;
     use crate::render::{Scene, prepare};
-    use crate::scene::{HeightMap, Relief};
+    use crate::scene::{HeightMap, Material, Relief};
     use crate::settings::{Normals, Settings, Weld, Wrap};
     use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
     use emboss_kernels::interface::height_format;
@@ -275,19 +274,21 @@ mod tests {
         for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
             triangle.displacement = index(i) % maps;
         }
-        let relief = |seed: u32| Relief {
-            map: HeightMap {
-                width: 5,
-                height: 4,
-                format: height_format::FLOAT32,
-                texels: (0..20).map(|i| noise(1000 * seed + i).to_bits()).collect(),
-                range: (-1.0, 1.0),
-                replaced: 0,
-            },
-            zero: 0.1,
-            scale: 0.3 + 0.1 * seed as f32,
+        let map = |seed: u32| HeightMap {
+            width: 5,
+            height: 4,
+            format: height_format::FLOAT32,
+            texels: (0..20).map(|i| noise(1000 * seed + i).to_bits()).collect(),
+            range: (-1.0, 1.0),
+            replaced: 0,
         };
-        Scene { mesh, reliefs: (0..maps).map(relief).collect(), color_map: None, subdivisions: 1 }
+        let relief = |seed: u32| Relief::new(map(seed), 0.1, 0.3 + 0.1 * seed as f32);
+        Scene {
+            mesh,
+            reliefs: (0..maps).map(relief).collect(),
+            materials: vec![Material::default()],
+            subdivisions: 1,
+        }
     }
 
     fn host_scene(scene: &Scene, subdivisions: u32, normals: Normals, weld: Weld) -> HostScene {
@@ -409,8 +410,13 @@ mod tests {
         ];
         let mut mesh = Mesh::from_triangles(&vertices, &[[0, 1, 2], [3, 4, 5]]);
         mesh.triangles[1].displacement = 1;
-        let relief = |height: f32| Relief { map: HeightMap::flat(height), zero: 0.0, scale: 1.0 };
-        let scene = Scene { mesh, reliefs: vec![relief(1.0), relief(3.0)], color_map: None, subdivisions: 4 };
+        let relief = |height: f32| Relief::new(HeightMap::flat(height), 0.0, 1.0);
+        let scene = Scene {
+            mesh,
+            reliefs: vec![relief(1.0), relief(3.0)],
+            materials: vec![Material::default()],
+            subdivisions: 4,
+        };
         let scene = host_scene(&scene, 4, Normals::Normalized, Weld::On);
         let view = scene.view();
         let field = HeightField::new(&view, scene.features());
@@ -427,6 +433,23 @@ mod tests {
         let seams = view.seams[0];
         assert_eq!((seams.flags & 7, seams.heights), (3, [2.0, 2.0, 0.0]));
         assert!(seams.height_min[2] <= 2.0 && seams.height_max[2] >= 2.0 && seams.height_max[2] < 2.001);
+    }
+
+    /// Each of two meshes in one place has the seams that it has alone, with sides of its own.
+    #[test]
+    fn appended_meshes_do_not_weld() {
+        let mut alone = octahedron(true, true, 1).mesh;
+        let mut both = alone.clone();
+        both.append(alone.clone());
+        let (one, two) = (SeamTable::find(&mut alone), SeamTable::find(&mut both));
+        assert!(!one.seams.is_empty());
+        assert_eq!((two.seams.len(), two.sides.len()), (2 * one.seams.len(), 2 * one.sides.len()));
+        let directions = |table: &SeamTable, i: usize| (table.seams[i].flags, table.seams[i].directions);
+        for i in 0..one.seams.len() {
+            assert_eq!(directions(&two, i), directions(&one, i));
+            assert_eq!(directions(&two, one.seams.len() + i), directions(&one, i));
+            assert_eq!(two.seams[i].side_count, one.seams[i].side_count);
+        }
     }
 
     #[test]

@@ -3,7 +3,6 @@
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
 use emboss::backend::SceneBuffers;
 use emboss_kernels::interface::{Displacement, height_format, wrap};
-use emboss_kernels::scene::Features;
 use glam::DVec2;
 
 /// A height map with its texels unpacked.
@@ -22,16 +21,16 @@ pub(super) struct Relief {
 
 impl Relief {
     /// One of a scene's height maps.
-    pub(super) fn new(buffers: &SceneBuffers, displacement: &Displacement, features: Features) -> Self {
+    pub(super) fn new(buffers: &SceneBuffers, displacement: &Displacement) -> Self {
         let count = displacement.map_width as usize * displacement.map_height as usize;
         let words = &buffers.height_texels[displacement.first_word as usize..];
-        let texels: Vec<f64> = (0..count).map(|i| texel(words, features.height_format, i)).collect();
+        let texels: Vec<f64> = (0..count).map(|i| texel(words, displacement.format, i)).collect();
         let magnitude = texels.iter().fold(0.0, |most, texel| texel.abs().max(most));
         let mut relief = Relief {
             width: i64::from(displacement.map_width),
             height: i64::from(displacement.map_height),
             texels,
-            wrap: features.height_wrap,
+            wrap: displacement.wrap,
             scale: f64::from(displacement.scale),
             zero: f64::from(displacement.zero),
             steepest: DVec2::ZERO,
@@ -125,11 +124,11 @@ mod tests {
             map_width: 3,
             map_height: 2,
             first_word: 2,
+            format: height_format::FLOAT32,
+            wrap,
             ..Displacement::default()
         };
-        let features =
-            Features { height_format: height_format::FLOAT32, height_wrap: wrap, ..Features::default() };
-        Relief::new(&buffers, &displacement, features)
+        Relief::new(&buffers, &displacement)
     }
 
     #[test]

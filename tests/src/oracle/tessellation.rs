@@ -79,7 +79,7 @@ impl<'a> Base<'a> {
         n: u32,
     ) -> Base<'a> {
         let reliefs: Vec<Relief> =
-            buffers.displacements.iter().map(|map| Relief::new(buffers, map, features)).collect();
+            buffers.displacements.iter().map(|map| Relief::new(buffers, map)).collect();
         let welding = Welding::new(buffers, &reliefs, count, features.seams != 0, rounding);
         Base { buffers, reliefs, welding, linear: features.normals == normals::LINEAR, rounding, n }
     }

@@ -156,8 +156,7 @@ fn decide(corners: &[(Vertex, u32)], reliefs: &[Relief], rounding: Rounding) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::{Displacement, height_format};
-    use emboss_kernels::scene::Features;
+    use emboss_kernels::interface::{Displacement, height_format, wrap};
     use glam::Vec3;
 
     /// Two triangles at the edge (0,0,0)-(0,1,0), which agree on nothing there, and one that shares (0,0,0) and (1,0,0)
@@ -184,6 +183,8 @@ mod tests {
             map_width: width,
             map_height: 1,
             first_word,
+            format: height_format::FLOAT32,
+            wrap: wrap::CLAMP,
             ..Displacement::default()
         };
         let buffers = SceneBuffers {
@@ -193,10 +194,8 @@ mod tests {
             height_texels: [0.5_f32, 1.5, 10.0].map(f32::to_bits).to_vec(),
             ..SceneBuffers::default()
         };
-        let features =
-            Features { height_format: height_format::FLOAT32, height_wrap: 1, ..Features::default() };
         let reliefs: Vec<Relief> =
-            buffers.displacements.iter().map(|map| Relief::new(&buffers, map, features)).collect();
+            buffers.displacements.iter().map(|map| Relief::new(&buffers, map)).collect();
         (Welding::new(&buffers, &reliefs, 3, welded, Rounding::IEEE), buffers)
     }
 

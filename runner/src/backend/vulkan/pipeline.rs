@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 15;
+pub(super) const MOST_BINDINGS: u32 = 16;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -30,6 +30,7 @@ macro_rules! scene_and {
             SEAM_SIDES,
             COLOR_TEXELS,
             LIGHTS,
+            MATERIALS,
             $($more),*
         ]
     };

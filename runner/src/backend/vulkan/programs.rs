@@ -6,6 +6,7 @@ use super::pacer::Pacer;
 use super::pipeline::{Kernel, Pipeline};
 use super::tiles::{self, Tiles};
 use crate::backend::BackendError;
+use crate::heights;
 use bytemuck::{Pod, bytes_of};
 use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPart};
@@ -113,7 +114,7 @@ impl Program {
         commands: &Commands,
         maps: &[Displacement],
     ) -> Result<(), BackendError> {
-        let levels = levels(maps, self.features.height_format);
+        let levels = levels(maps);
         self.pacer.begin_pass(levels.iter().fold(0, |sum: u32, level| sum.saturating_add(level.count)));
         for level in levels {
             self.run_items(commands, level.count, |first, count| PyramidPart { first, count, ..level })?;
@@ -145,9 +146,9 @@ impl Program {
 }
 
 /// All words of each level of the pyramids of `maps`, map by map and from the lowest level up.
-fn levels(maps: &[Displacement], format: u32) -> Vec<PyramidPart> {
+fn levels(maps: &[Displacement]) -> Vec<PyramidPart> {
     let of_map = |(displacement, map): (u32, &Displacement)| {
-        let (width, height) = (map.map_width, map.map_height);
+        let (format, width, height) = (map.format, map.map_width, map.map_height);
         (1..=top_level(width, height)).map(move |level| PyramidPart {
             displacement,
             level,
@@ -155,5 +156,5 @@ fn levels(maps: &[Displacement], format: u32) -> Vec<PyramidPart> {
             count: level_words(format, width, height, level),
         })
     };
-    (0..).zip(maps).flat_map(of_map).collect()
+    heights::pyramids(maps).flat_map(of_map).collect()
 }

@@ -26,10 +26,10 @@ const SMALLER_SIZE: &str = "use a smaller --size, or --backend cpu";
 const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
-/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`] and [`binding::BOXES`], which live as long as the
-/// scene.
+/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`] and [`binding::MATERIALS`], which
+/// live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last one: the boxes.
+    /// By binding, but for the last two: the boxes, the materials.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -40,7 +40,11 @@ pub(super) struct Resident {
 
 /// Where a binding's buffer stands in [`Resident::buffers`].
 fn place_of(binding: u32) -> usize {
-    if binding == binding::BOXES { binding::COUNTERS as usize + 1 } else { binding as usize }
+    match binding {
+        binding::BOXES => binding::COUNTERS as usize + 1,
+        binding::MATERIALS => binding::COUNTERS as usize + 2,
+        _ => binding as usize,
+    }
 }
 
 /// What one of the buffers holds at first.
@@ -62,7 +66,7 @@ impl Resident {
         frame: &Frame,
         features: Features,
     ) -> Result<Self, BackendError> {
-        let contents = contents(scene, frame, features);
+        let contents = contents(scene, frame);
         require_room_for_all(device, &contents)?;
         let buffers: Vec<_> = contents
             .iter()
@@ -141,7 +145,7 @@ impl Resident {
         Ok(())
     }
 
-    /// The buffer of a binding up to [`binding::COUNTERS`], or of the boxes.
+    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes, or of the materials.
     pub(super) fn buffer(&self, binding: u32) -> &Buffer {
         &self.buffers[place_of(binding)]
     }
@@ -192,15 +196,11 @@ impl Content<'_> {
     }
 }
 
-/// What each buffer holds, in the order of bindings, the boxes last.
-fn contents<'a>(
-    scene: &'a SceneBuffers,
-    frame: &'a Frame,
-    features: Features,
-) -> [Content<'a>; binding::COUNTERS as usize + 2] {
+/// What each buffer holds, in the order of bindings, boxes and materials last.
+fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 3] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
-    let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words(features) };
+    let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
     let [(_, film), (_, picture)] = film_contents(frame);
     [
         uploaded("the frame", SMALLER_SCENE, bytes_of(frame)),
@@ -214,12 +214,13 @@ fn contents<'a>(
         zeros("the height maps' pyramids", SMALLER_MAP, pyramid_words, size_of::<u32>()),
         uploaded("the seams", SMALLER_MODEL, cast_slice(&scene.seams)),
         uploaded("the seams' sides", SMALLER_MODEL, cast_slice(&scene.seam_sides)),
-        uploaded("the colour map", SMALLER_MAP, cast_slice(&scene.color_texels)),
+        uploaded("the colour maps", SMALLER_MAP, cast_slice(&scene.color_texels)),
         lights_content(&scene.lights),
         film,
         picture,
         zeros("the counters", SMALLER_SCENE, counter::COUNT as u64, size_of::<Counter>()),
         zeros("the prisms' boxes", SMALLER_MODEL, 6 * triangles, size_of::<f32>()),
+        uploaded("the materials", SMALLER_SCENE, cast_slice(&scene.materials)),
     ]
 }
 
@@ -260,6 +261,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
 #[cfg(test)]
 mod tests {
     use super::*;
+    use emboss_kernels::interface::Material;
 
     #[test]
     fn contents_stand_at_their_bindings() {
@@ -267,10 +269,11 @@ mod tests {
             height_texels: vec![1; 3],
             displacements: vec![Displacement { map_width: 2, map_height: 1, ..Displacement::default() }],
             color_texels: vec![2; 5],
+            materials: vec![Material::default(); 3],
             ..Default::default()
         };
         let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
-        let contents = contents(&scene, &frame, Features::default());
+        let contents = contents(&scene, &frame);
         let bytes = |binding: u32| contents[place_of(binding)].bytes;
         assert_eq!(bytes(binding::FRAME), size_of::<Frame>() as u64);
         assert_eq!(bytes(binding::HEIGHT_TEXELS), 12);
@@ -280,6 +283,7 @@ mod tests {
         assert_eq!(bytes(binding::PRIMITIVES), 4 * 4);
         assert_eq!(bytes(binding::BOXES), 4 * 24);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
+        assert_eq!(bytes(binding::MATERIALS), 3 * 32);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
         assert_eq!(bytes(binding::COUNTERS), 8 * counter::COUNT as u64);
@@ -288,8 +292,7 @@ mod tests {
     #[test]
     fn sizes_beyond_any_memory_saturate() {
         let frame = Frame { width: u32::MAX, height: u32::MAX, ..Frame::default() };
-        let contents =
-            contents(&SceneBuffers::default(), &frame, Features::default()).map(|content| content.bytes);
+        let contents = contents(&SceneBuffers::default(), &frame).map(|content| content.bytes);
         assert_eq!(contents[binding::FILM as usize], u64::MAX);
     }
 }

@@ -1,35 +1,59 @@
-//! The maps that a model's material libraries (MTL files) name.
+//! The materials of a model's libraries (MTL files).
 //!
 //! Read here rather than by tobj, which keeps options in the file names, mixes up `bump` and normal maps, and gives
 //! up a whole library for one unusual line.
 
 use super::survey::Survey;
-use crate::scene::MaterialMaps;
+use crate::scene::{MapFile, ModelMaterial};
+use crate::settings::Wrap;
+use glam::Vec3;
 use std::fs;
 use std::path::{Path, PathBuf};
 use tracing::warn;
 
-/// A material.
-#[derive(Debug, Default, PartialEq, Eq)]
+/// A material of a library.
+#[derive(Clone, Debug, Default)]
 struct Material {
     name: String,
-    color: Option<PathBuf>,
+    albedo: Option<Vec3>,
+    color: Option<MapFile>,
     /// `disp`, then `map_disp`, then `bump`: the first that is given counts.
-    heights: [Option<PathBuf>; 3],
-    normal: Option<PathBuf>,
+    heights: [Option<MapFile>; 3],
+    normal: Option<MapFile>,
 }
 
-/// The maps of the materials that a model uses. Where several materials name different maps, the first map of
-/// each kind counts, and a warning names the others.
-pub(super) fn load_maps(model: &Path, survey: &Survey) -> MaterialMaps {
-    let materials = used(load_libraries(model, survey), &survey.materials);
-    let pick = |kind: &str, map: fn(&Material) -> Option<&PathBuf>| {
-        first(model, kind, materials.iter().filter_map(map))
+/// The materials that a model uses, in the order of [`Survey::materials`]. Where it names none at all its libraries'
+/// first map of each kind counts, and their first `Kd`.
+pub(super) fn load(model: &Path, survey: &Survey) -> Vec<ModelMaterial> {
+    let library = load_libraries(model, survey);
+    if survey.materials.iter().all(String::is_empty) {
+        return vec![first_of_all(&library)];
+    }
+    let find = |name: &String| {
+        let found = library.iter().find(|material| material.name == *name);
+        if found.is_none() && !name.is_empty() && !library.is_empty() {
+            warn!("{}: its libraries have no material `{name}`; going on without its maps", model.display());
+        }
+        ModelMaterial { name: name.clone(), ..found.cloned().map(ModelMaterial::from).unwrap_or_default() }
     };
-    MaterialMaps {
-        color: pick("colour", |m| m.color.as_ref()),
-        height: pick("height", |m| m.heights.iter().flatten().next()),
-        normal: pick("normal", |m| m.normal.as_ref()),
+    survey.materials.iter().map(find).collect()
+}
+
+/// What the materials of a library come to where nothing tells which of them counts.
+fn first_of_all(library: &[Material]) -> ModelMaterial {
+    let first = |map: fn(&Material) -> Option<&MapFile>| library.iter().find_map(map).cloned();
+    ModelMaterial {
+        name: String::new(),
+        albedo: library.iter().find_map(|material| material.albedo),
+        color: first(|material| material.color.as_ref()),
+        height: first(|material| material.heights.iter().flatten().next()),
+        normal: first(|material| material.normal.as_ref()),
+    }
+}
+
+impl From<Material> for ModelMaterial {
+    fn from(Material { name, albedo, color, heights, normal }: Material) -> Self {
+        Self { name, albedo, color, height: heights.into_iter().flatten().next(), normal }
     }
 }
 
@@ -61,32 +85,6 @@ fn library_paths(folder: &Path, names: &str) -> Vec<PathBuf> {
     names.split_whitespace().map(|name| join(folder, name)).collect()
 }
 
-/// The materials of `names` in their order, or all of them where faces name none.
-fn used(mut materials: Vec<Material>, names: &[String]) -> Vec<Material> {
-    if !names.is_empty() {
-        materials.retain(|material| names.contains(&material.name));
-        materials.sort_by_key(|material| names.iter().position(|name| *name == material.name));
-    }
-    materials
-}
-
-/// The first of some maps; a warning names those that differ from it.
-fn first<'a>(model: &Path, kind: &str, mut maps: impl Iterator<Item = &'a PathBuf>) -> Option<PathBuf> {
-    let first = maps.next()?;
-    let mut unused: Vec<&PathBuf> = maps.filter(|&map| map != first).collect();
-    unused.sort();
-    unused.dedup();
-    for map in unused {
-        warn!(
-            "{}: its materials name several {kind} maps; {} is used everywhere, {} is not",
-            model.display(),
-            first.display(),
-            map.display()
-        );
-    }
-    Some(first.clone())
-}
-
 /// The materials of a library. Lines that are not understood are passed over.
 fn parse(text: &str, path: &Path) -> Vec<Material> {
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -96,16 +94,20 @@ fn parse(text: &str, path: &Path) -> Vec<Material> {
         if keyword == "newmtl" {
             materials.push(Material { name: rest.trim().into(), ..Material::default() });
         } else if let Some(material) = materials.last_mut() {
-            material.set_map(&keyword.to_ascii_lowercase(), folder, rest);
+            material.set(&keyword.to_ascii_lowercase(), folder, rest);
         }
     }
     materials
 }
 
 impl Material {
-    /// Takes a line that names a map; others are passed over.
-    fn set_map(&mut self, keyword: &str, folder: &Path, rest: &str) {
+    /// Takes a line that names a map or the colour; others are passed over.
+    fn set(&mut self, keyword: &str, folder: &Path, rest: &str) {
         let slot = match keyword {
+            "kd" => {
+                self.albedo = color(rest);
+                return;
+            }
             "map_kd" => &mut self.color,
             "disp" => &mut self.heights[0],
             "map_disp" => &mut self.heights[1],
@@ -113,29 +115,59 @@ impl Material {
             "norm" | "map_norm" | "map_kn" => &mut self.normal,
             _ => return,
         };
-        let name = skip_options(rest);
+        let (map, name) = map_options(rest);
         if !name.is_empty() {
-            *slot = Some(join(folder, name));
+            *slot = Some(MapFile { path: join(folder, name), ..map });
         }
     }
 }
 
-/// The file name of a map, after options such as `-bm 0.5`, `-o 0 0 0` or `-clamp on`.
-fn skip_options(rest: &str) -> &str {
+/// The colour of a `Kd` line: one number, or three. None where it is given otherwise (as a spectrum), or is no colour.
+fn color(rest: &str) -> Option<Vec3> {
+    let numbers: Vec<f32> = rest.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+    let color = match numbers[..] {
+        [grey] => Vec3::splat(grey),
+        [r, g, b] => Vec3::new(r, g, b),
+        _ => return None,
+    };
+    (color.is_finite() && color.min_element() >= 0.0).then_some(color)
+}
+
+/// What a map's options such as `-clamp on` or `-mm 0 1` say, and the file name after them.
+fn map_options(rest: &str) -> (MapFile, &str) {
+    let mut map = MapFile::default();
     let mut rest = rest.trim();
     while let Some((option, mut after)) = rest.starts_with('-').then(|| split_word(rest)) {
         let (least, most) = argument_count(option);
+        let mut arguments = Vec::new();
         for i in 0..most {
             let (argument, beyond) = split_word(after);
             // The last word is the file, and optional arguments are numbers.
             if beyond.is_empty() || (i >= least && argument.parse::<f32>().is_err()) {
                 break;
             }
+            arguments.push(argument);
             after = beyond;
         }
+        map.set(&option.to_ascii_lowercase(), &arguments);
         rest = after;
     }
-    rest.trim_matches('"')
+    (map, rest.trim_matches('"'))
+}
+
+impl MapFile {
+    /// Takes an option of a map; those that are not understood are passed over.
+    fn set(&mut self, option: &str, arguments: &[&str]) {
+        match (option, arguments) {
+            ("-clamp", ["on"]) => self.wrap = Some(Wrap::Clamp),
+            ("-clamp", ["off"]) => self.wrap = Some(Wrap::Repeat),
+            ("-mm", [base, gain]) => {
+                let finite = |text: &str| text.parse().ok().filter(|x: &f32| x.is_finite());
+                self.base_and_gain = finite(base).zip(finite(gain));
+            }
+            _ => {}
+        }
+    }
 }
 
 /// How many arguments an option of a map takes, at least and at most.

@@ -7,19 +7,20 @@
 mod material;
 mod survey;
 
-use super::{MaterialMaps, Mesh, SceneError};
+use super::{Mesh, ModelMaterial, SceneError};
 use emboss_kernels::interface::Vertex;
 use std::fs;
 use std::path::Path;
 use survey::Survey;
 
-/// Loads a model: all its objects and groups as one mesh, and the maps that its materials name.
+/// Loads a model: all its objects and groups as one mesh, and its materials, at least one, by whose indices triangles name
+/// theirs.
 ///
 /// Polygons are cut into a fan from their first corner; that of a concave one may reach outside it. Normals that
 /// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of triangles with corners
 /// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot be
 /// read is a warning.
-pub fn load_obj(path: &Path) -> Result<(Mesh, MaterialMaps), SceneError> {
+pub fn load_obj(path: &Path) -> Result<(Mesh, Vec<ModelMaterial>), SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
     let survey =
@@ -27,12 +28,12 @@ pub fn load_obj(path: &Path) -> Result<(Mesh, MaterialMaps), SceneError> {
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
-    let mut mesh = triangulate(path, &survey.reduce(text))?;
+    let mut mesh = triangulate(path, &survey.reduce(text), &survey.runs)?;
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
         return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
     }
-    Ok((mesh, material::load_maps(path, &survey)))
+    Ok((mesh, material::load(path, &survey)))
 }
 
 /// The file as UTF-8.
@@ -45,8 +46,8 @@ fn read_text(path: &Path) -> Result<String, SceneError> {
     })
 }
 
-/// The mesh of a text that [`Survey::reduce`] gave.
-fn triangulate(path: &Path, text: &str) -> Result<Mesh, SceneError> {
+/// The mesh of a text that [`Survey::reduce`] gave, its triangles of the materials that [`Survey::runs`] tells.
+fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Mesh, SceneError> {
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ..Default::default() };
     let no_materials = |_: &Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
@@ -58,7 +59,14 @@ fn triangulate(path: &Path, text: &str) -> Result<Mesh, SceneError> {
         vertices.extend(corners(mesh));
         triangles.extend_from_slice(mesh.indices.as_chunks().0);
     }
-    Ok(Mesh::from_triangles(&vertices, &triangles))
+    let materials: Vec<u32> =
+        runs.iter().flat_map(|&(material, count)| std::iter::repeat_n(material, count)).collect();
+    debug_assert_eq!(
+        materials.len(),
+        triangles.len(),
+        "a polygon is a fan of two triangles fewer than corners"
+    );
+    Ok(Mesh::with_materials(&vertices, triangles.into_iter().zip(materials)))
 }
 
 /// The vertices of a model, each of which has all three attributes.

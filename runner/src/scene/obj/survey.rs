@@ -16,8 +16,12 @@ pub(super) struct Survey {
     pub(super) thin_faces: usize,
     /// Names given by `mtllib`, each with its line.
     pub(super) libraries: Vec<(usize, String)>,
-    /// Names of the materials that faces use, in order of first use.
+    /// Names of the materials that faces use, in order of first use; the empty name where a face names none.
     pub(super) materials: Vec<String>,
+    /// Runs of triangles of one material, in their order: its index in `materials`, and how many there are.
+    pub(super) runs: Vec<(u32, usize)>,
+    /// What the faces to come use.
+    material: String,
     /// The object or group that the faces belong to.
     object: Option<String>,
     /// Indices beyond the elements above their line, which may stand further below.
@@ -93,10 +97,25 @@ impl Survey {
         match corners {
             0 => return Err(ObjProblem::NoCorners),
             1 | 2 => self.thin_faces += 1,
-            _ => {}
+            _ => self.add_triangles(corners - 2),
         }
         self.faces += 1;
         Ok(())
+    }
+
+    /// Notes of which material the triangles of a polygon are.
+    fn add_triangles(&mut self, count: usize) {
+        let last = self.runs.last_mut().filter(|(i, _)| self.materials[*i as usize] == self.material);
+        if let Some((_, triangles)) = last {
+            *triangles += count;
+            return;
+        }
+        let known = self.materials.iter().position(|name| *name == self.material);
+        let material = known.unwrap_or_else(|| {
+            self.materials.push(self.material.clone());
+            self.materials.len() - 1
+        });
+        self.runs.push((u32::try_from(material).unwrap_or(u32::MAX), count));
     }
 
     /// Checks where a corner's indices point.
@@ -132,7 +151,7 @@ impl Survey {
             _ if name.is_empty() => {}
             "o" | "g" => self.object = Some(name.into()),
             "mtllib" => self.libraries.push((line, name.into())),
-            "usemtl" if !self.materials.iter().any(|used| used == name) => self.materials.push(name.into()),
+            "usemtl" => self.material = name.into(),
             _ => {}
         }
     }

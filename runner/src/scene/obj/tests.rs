@@ -1,4 +1,6 @@
 use super::*;
+use crate::scene::MapFile;
+use crate::settings::Wrap;
 use emboss_kernels::interface::{FLIPPED, Triangle};
 use glam::Vec3;
 use std::io::Write;
@@ -261,8 +263,8 @@ fn what_the_survey_passes_tobj_reads() {
     assert!(load(square("o a\nf 1/1 2/2 5/5\no b\nv 2 2 2\nvt 2 2\nf 1/1 2/2 5/5\n")).is_ok());
 }
 
-/// A model that uses materials `a` and `b` of two libraries, in the order of `used`.
-fn with_materials(used: [&str; 2], library: &str) -> (MaterialMaps, String, TempDir) {
+/// What a model's materials say that uses `a` and `b` of a library, in the order of `used`; and what is logged.
+fn with_materials(used: [&str; 2], library: &str) -> (Vec<ModelMaterial>, String, TempDir) {
     let [first, second] = used;
     let model =
         square(&format!("mtllib model.mtl\nusemtl {first}\nf 1/1 2/2 3/3\nusemtl {second}\nf 1/1 3/3 4/4\n"));
@@ -271,16 +273,39 @@ fn with_materials(used: [&str; 2], library: &str) -> (MaterialMaps, String, Temp
     (result.unwrap().1, log, folder)
 }
 
+/// The map of that name in a folder, without options.
+fn map(folder: &TempDir, name: &str) -> Option<MapFile> {
+    Some(MapFile { path: folder.path().join(name), ..MapFile::default() })
+}
+
 #[test]
 fn maps_are_relative_to_the_library_and_follow_its_options() {
     let library = "map_Kd lost.png\nnewmtl a\nKd 1\nmap_Kd -s 2 2 -clamp on my colours.png\n\
-        map_Bump -bm 0.5 bump.png\nDisp -mm 0 1 \"sub\\height.tif\"\nnorm normal.png\n";
-    let (maps, log, folder) = with_materials(["a", "a"], library);
-    let expected = |name| Some(folder.path().join(name));
-    assert_eq!(maps.color, expected("my colours.png"));
-    assert_eq!(maps.height, expected("sub/height.tif"));
-    assert_eq!(maps.normal, expected("normal.png"));
+        map_Bump -bm 0.5 bump.png\nDisp -mm -0.5 2 \"sub\\height.tif\"\nnorm -clamp off normal.png\n";
+    let (materials, log, folder) = with_materials(["a", "a"], library);
+    let [material] = &materials[..] else { panic!("{materials:?}") };
+    let with_wrap = |name, wrap| map(&folder, name).map(|map| MapFile { wrap: Some(wrap), ..map });
+    assert_eq!(material.albedo, Some(Vec3::ONE));
+    assert_eq!(material.color, with_wrap("my colours.png", Wrap::Clamp));
+    let height = map(&folder, "sub/height.tif");
+    assert_eq!(material.height, height.map(|map| MapFile { base_and_gain: Some((-0.5, 2.0)), ..map }));
+    assert_eq!(material.normal, with_wrap("normal.png", Wrap::Repeat));
     assert_eq!(log, "");
+}
+
+#[test]
+fn colours_are_of_one_number_or_three() {
+    for (line, expected) in [
+        ("Kd 0.5", Some(Vec3::splat(0.5))),
+        ("kd 0.1 0.2 3", Some(Vec3::new(0.1, 0.2, 3.0))),
+        ("Kd spectral file.rfl 1", None),
+        ("Kd 0.1 nan 0", None),
+        ("Kd 0.1 -1 0", None),
+        ("Kd", None),
+    ] {
+        let (materials, ..) = with_materials(["a", "a"], &format!("newmtl a\n{line}\n"));
+        assert_eq!(materials[0].albedo, expected, "{line}");
+    }
 }
 
 #[test]
@@ -290,28 +315,57 @@ fn disp_goes_before_map_disp_before_bump() {
         ("newmtl a\nbump b.png\nmap_disp m.png\n", "m.png"),
         ("newmtl a\nmap_bump b.png\n", "b.png"),
     ] {
-        let (maps, _, folder) = with_materials(["a", "a"], library);
-        assert_eq!(maps.height, Some(folder.path().join(expected)));
+        let (materials, _, folder) = with_materials(["a", "a"], library);
+        assert_eq!(materials[0].height, map(&folder, expected));
     }
 }
 
 #[test]
-fn the_first_used_materials_map_counts_and_others_are_warned_of() {
+fn each_material_has_its_own_maps() {
     let library =
         "newmtl a\nmap_Kd a.png\nnewmtl idle\nmap_Kd idle.png\nnewmtl b\nmap_Kd b.png\ndisp h.png\n";
-    let (maps, log, folder) = with_materials(["b", "a"], library);
-    assert_eq!(maps.color, Some(folder.path().join("b.png")));
-    assert_eq!(maps.height, Some(folder.path().join("h.png")));
-    assert!(log.contains("several colour maps"), "{log}");
-    assert!(log.contains("b.png is used everywhere") && log.contains("a.png is not"), "{log}");
-    assert!(!log.contains("idle.png") && !log.contains("h.png"), "{log}");
+    let (materials, log, folder) = with_materials(["b", "a"], library);
+    let names: Vec<_> = materials.iter().map(|material| material.name.as_str()).collect();
+    assert_eq!(names, ["b", "a"]);
+    assert_eq!((&materials[0].color, &materials[0].height), (&map(&folder, "b.png"), &map(&folder, "h.png")));
+    assert_eq!((&materials[1].color, &materials[1].height), (&map(&folder, "a.png"), &None));
+    assert_eq!(log, "");
+}
+
+/// A polygon's triangles are all of its material; so are those behind triangles that are left out.
+#[test]
+fn triangles_name_their_materials() {
+    let faces = "f 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 3/3 4/4\nf 1/1 1/1 2/2\nusemtl idle\nusemtl a\nf 1/1 2/2\n\
+        f 1/1 2/2 4/4\nusemtl b\nf 2/2 3/3 4/4\n";
+    let (_folder, path) = folder(square(faces), &[]);
+    let (mesh, materials) = load_obj(&path).unwrap();
+    let names: Vec<_> =
+        mesh.triangles.iter().map(|t| materials[t.material() as usize].name.as_str()).collect();
+    assert_eq!(names, ["", "b", "b", "a", "b"]);
+    assert_eq!((materials.len(), mesh.dropped), (3, 2));
+}
+
+#[test]
+fn models_that_name_no_material_take_their_libraries_first_maps() {
+    let library = "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\ndisp h.png\n";
+    let (folder, path) = folder(square("mtllib model.mtl\nf 1/1 2/2 3/3\n"), &[("model.mtl", library)]);
+    let (_, materials) = load_obj(&path).unwrap();
+    let [material] = &materials[..] else { panic!("{materials:?}") };
+    assert_eq!((&material.color, &material.height), (&map(&folder, "a.png"), &map(&folder, "h.png")));
+}
+
+#[test]
+fn a_material_that_no_library_has_is_a_warning() {
+    let (materials, log, _folder) = with_materials(["a", "lost"], "newmtl a\n");
+    assert_eq!(materials[1], ModelMaterial { name: "lost".into(), ..ModelMaterial::default() });
+    assert!(log.contains("its libraries have no material `lost`") && !log.contains("`a`"), "{log}");
 }
 
 #[test]
 fn a_missing_library_is_a_warning() {
     let (_folder, path) = folder(square("mtllib lost.mtl\nf 1/1 2/2 3/3\n"), &[]);
     let (result, log) = logged(|| load_obj(&path));
-    assert_eq!(result.unwrap().1, MaterialMaps::default());
+    assert_eq!(result.unwrap().1, [ModelMaterial::default()]);
     assert!(
         log.contains("model.obj:9: material library") && log.contains("lost.mtl cannot be read"),
         "{log}"
@@ -329,9 +383,9 @@ fn the_monster_frog_loads() {
         skip(path);
         return;
     }
-    let (mesh, maps) = load_obj(path).unwrap();
+    let (mesh, materials) = load_obj(path).unwrap();
     assert_eq!((mesh.triangles.len(), mesh.dropped), (2584, 0));
-    assert_eq!(maps, MaterialMaps::default());
+    assert_eq!(materials, [ModelMaterial::default()]);
     assert!(mesh.vertices.iter().all(|v| v.normal.is_normalized()));
 }
 

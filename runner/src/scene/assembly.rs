@@ -1,0 +1,307 @@
+//! Models and their materials put together to a scene: each image is read once, however many materials name it.
+
+use super::image::{load_color_map, load_height_map};
+use super::{ColorMap, HeightMap, Material, Mesh, Relief, SceneError};
+use crate::settings::Wrap;
+use glam::Vec3;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Where a map comes from.
+#[derive(Clone, Debug)]
+pub enum MapSource<T> {
+    /// An image file.
+    File(PathBuf),
+    /// A map made by code.
+    Made {
+        /// What users know it by.
+        name: String,
+        /// The map.
+        map: Arc<T>,
+    },
+}
+
+/// A material before its files are read.
+#[derive(Clone, Debug)]
+pub struct MaterialSource {
+    /// Linear RGB without a colour map; `None`: light grey.
+    pub albedo: Option<Vec3>,
+    /// The colour map.
+    pub color: Option<MapSource<ColorMap>>,
+    /// How it is read outside [0,1); `None`: as the settings say.
+    pub color_wrap: Option<Wrap>,
+    /// The height map.
+    pub height: Option<MapSource<HeightMap>>,
+    /// How it is read outside [0,1); `None`: as the settings say.
+    pub height_wrap: Option<Wrap>,
+    /// The texel value of no displacement.
+    pub zero: f32,
+    /// Height of a texel step from 0 to 1, in scene units.
+    pub scale: f32,
+    /// Whether each texel t of the height map is replaced by 1 - t.
+    pub invert: bool,
+}
+
+/// A material of a scene that is being put together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MaterialId {
+    relief: u32,
+    material: u32,
+}
+
+/// A scene that is being put together.
+#[derive(Debug, Default)]
+pub struct Assembly {
+    mesh: Mesh,
+    reliefs: Vec<Relief>,
+    materials: Vec<Material>,
+    /// Which relief is that of materials without a height map.
+    flat: Option<u32>,
+    colors: HashMap<PathBuf, Arc<ColorMap>>,
+    /// By file, and whether they are inverted.
+    heights: HashMap<(PathBuf, bool), LoadedHeight>,
+}
+
+/// A height map out of a file.
+#[derive(Clone, Debug)]
+struct LoadedHeight {
+    map: Arc<HeightMap>,
+    /// What stands for texels that are NaN or infinite.
+    zero: f32,
+}
+
+impl Assembly {
+    /// Adds a material, or finds the same one. Its files are read if they are new.
+    ///
+    /// # Errors
+    /// What is wrong with a file.
+    pub fn material(&mut self, source: &MaterialSource) -> Result<MaterialId, SceneError> {
+        let material = Material {
+            albedo: source.albedo.unwrap_or(Material::default().albedo),
+            color: source.color.as_ref().map(|map| self.color_map(map)).transpose()?,
+            wrap: source.color_wrap,
+        };
+        let relief = self.relief(source)?;
+        let is_same = |other: &Material| {
+            let same_map = match (&other.color, &material.color) {
+                (Some(other), Some(map)) => Arc::ptr_eq(other, map),
+                (None, None) => true,
+                _ => false,
+            };
+            same_map && (other.albedo, other.wrap) == (material.albedo, material.wrap)
+        };
+        let known = self.materials.iter().position(is_same);
+        Ok(MaterialId { relief, material: place(&mut self.materials, known, material) })
+    }
+
+    /// Adds a mesh that does not weld with those before it. Its triangles name their materials by indices into `materials`.
+    ///
+    /// # Panics
+    /// Where they name one that is not there.
+    pub fn add(&mut self, mut mesh: Mesh, materials: &[MaterialId]) {
+        for triangle in &mut mesh.triangles {
+            let MaterialId { relief, material } = materials[triangle.material() as usize];
+            *triangle = triangle.with_material(material);
+            triangle.displacement = relief;
+        }
+        self.mesh.append(mesh);
+    }
+
+    /// The scene.
+    pub fn finish(self, subdivisions: u32) -> crate::render::Scene {
+        let Assembly { mesh, mut reliefs, materials, flat, .. } = self;
+        // A single texel 0 is the same in all formats and under all wraps: it takes those of a real map, so that
+        // pipelines need not know of two.
+        if let Some(flat) = flat
+            && let Some(real) = (0..).zip(&reliefs).find(|(i, _)| *i != flat).map(|(_, relief)| relief)
+        {
+            let (format, wrap) = (real.map.format, real.wrap);
+            let map = HeightMap { format, ..HeightMap::flat(0.0) };
+            reliefs[flat as usize] = Relief { wrap, ..Relief::new(map, 0.0, 0.0) };
+        }
+        crate::render::Scene { mesh, reliefs, materials, subdivisions }
+    }
+
+    /// The index of a material's relief, added where it is new.
+    fn relief(&mut self, source: &MaterialSource) -> Result<u32, SceneError> {
+        let &MaterialSource { zero, scale, height_wrap: wrap, .. } = source;
+        let Some(height) = &source.height else {
+            let flat = Relief::new(HeightMap::flat(zero), zero, scale);
+            let known = self.flat.map(|flat| flat as usize);
+            let flat = place(&mut self.reliefs, known, flat);
+            self.flat = Some(flat);
+            return Ok(flat);
+        };
+        let relief = Relief { wrap, ..Relief::new(self.height_map(height, source)?, zero, scale) };
+        let is_same = |other: &Relief| {
+            Arc::ptr_eq(&other.map, &relief.map)
+                && (other.zero, other.scale, other.wrap) == (relief.zero, relief.scale, relief.wrap)
+        };
+        let known = self.reliefs.iter().position(is_same);
+        Ok(place(&mut self.reliefs, known, relief))
+    }
+
+    fn color_map(&mut self, source: &MapSource<ColorMap>) -> Result<Arc<ColorMap>, SceneError> {
+        let path = match source {
+            MapSource::Made { map, .. } => return Ok(Arc::clone(map)),
+            MapSource::File(path) => path,
+        };
+        let key = identity(path);
+        if let Some(map) = self.colors.get(&key) {
+            return Ok(Arc::clone(map));
+        }
+        let map = Arc::new(load_color_map(path)?);
+        self.colors.insert(key, Arc::clone(&map));
+        Ok(map)
+    }
+
+    fn height_map(
+        &mut self,
+        source: &MapSource<HeightMap>,
+        &MaterialSource { zero, invert, .. }: &MaterialSource,
+    ) -> Result<Arc<HeightMap>, SceneError> {
+        let path = match source {
+            MapSource::Made { map, .. } if invert => return Ok(Arc::new(map.inverted())),
+            MapSource::Made { map, .. } => return Ok(Arc::clone(map)),
+            MapSource::File(path) => path,
+        };
+        let key = (identity(path), invert);
+        // What stands for bad texels is the material's own.
+        let known = self.heights.get(&key).filter(|known| known.map.replaced == 0 || known.zero == zero);
+        if let Some(known) = known {
+            return Ok(Arc::clone(&known.map));
+        }
+        let map = Arc::new(load_height_map(path, zero, invert)?);
+        warn_of_map(path, &map);
+        self.heights.insert(key, LoadedHeight { map: Arc::clone(&map), zero });
+        Ok(map)
+    }
+}
+
+/// The index of an item: the known one, or that of `new`, added.
+fn place<T>(items: &mut Vec<T>, known: Option<usize>, new: T) -> u32 {
+    let index = known.unwrap_or_else(|| {
+        items.push(new);
+        items.len() - 1
+    });
+    u32::try_from(index).expect("materials are fewer than the lines of the files that name them")
+}
+
+/// What two names of one file have in common.
+fn identity(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+/// One line for each thing about a height map that may surprise in the picture.
+fn warn_of_map(path: &Path, map: &HeightMap) {
+    let shown = path.display();
+    if map.has_steps() {
+        tracing::warn!(
+            "{shown}: has 8 bits, so that slopes come in 256 steps; a map of 16 bits or floats is smooth"
+        );
+    }
+    if map.replaced > 0 {
+        tracing::warn!("{shown}: {} texels are NaN or infinite; they do not displace", map.replaced);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use emboss_kernels::interface::{Vertex, height_format};
+
+    fn source(height: Option<&Path>) -> MaterialSource {
+        MaterialSource {
+            albedo: None,
+            color: None,
+            color_wrap: None,
+            height: height.map(|path| MapSource::File(path.to_owned())),
+            height_wrap: None,
+            zero: 0.5,
+            scale: 1.0,
+            invert: false,
+        }
+    }
+
+    /// A folder with two images of eight bits.
+    fn images() -> (tempfile::TempDir, PathBuf, PathBuf) {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let [a, b] = ["a.png", "b.png"].map(|name| folder.path().join(name));
+        for path in [&a, &b] {
+            image::GrayImage::from_pixel(3, 2, image::Luma([9])).save(path).expect("written");
+        }
+        (folder, a, b)
+    }
+
+    #[test]
+    fn an_image_is_read_once_whatever_it_is_called() {
+        let (folder, a, _) = images();
+        std::fs::create_dir(folder.path().join("sub")).expect("writable");
+        let same = folder.path().join("sub/../a.png");
+        let color = |path: &Path| Some(MapSource::File(path.to_owned()));
+        let mut assembly = Assembly::default();
+        let first = MaterialSource { color: color(&a), ..source(Some(&a)) };
+        let sources = [
+            first.clone(),
+            MaterialSource { color: color(&same), ..source(Some(&same)) },
+            MaterialSource { zero: 0.25, ..first.clone() },
+            MaterialSource { invert: true, color_wrap: Some(Wrap::Clamp), ..first },
+        ];
+        let ids = sources.map(|source| assembly.material(&source).expect("an image"));
+        assert_eq!(ids[0], ids[1]);
+        assert_ne!(ids[0], ids[2]);
+        assert_eq!((assembly.reliefs.len(), assembly.materials.len()), (3, 2));
+        let reliefs = &assembly.reliefs;
+        assert!(
+            Arc::ptr_eq(&reliefs[0].map, &reliefs[1].map) && !Arc::ptr_eq(&reliefs[0].map, &reliefs[2].map)
+        );
+        let [one, other] = [0, 1].map(|i| assembly.materials[i].color.clone().expect("a map"));
+        assert!(Arc::ptr_eq(&one, &other));
+    }
+
+    /// Bad texels count as the material's zero, so that there are as many maps as zeros.
+    #[test]
+    fn images_with_bad_texels_are_read_for_each_zero() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("bad.exr");
+        image::Rgb32FImage::from_pixel(1, 1, image::Rgb([f32::NAN; 3])).save(&path).expect("written");
+        let mut assembly = Assembly::default();
+        for zero in [0.5, 0.25, 0.25] {
+            assembly.material(&MaterialSource { zero, ..source(Some(&path)) }).expect("an image");
+        }
+        let texels: Vec<_> = assembly.reliefs.iter().map(|relief| relief.map.texel(0, 0)).collect();
+        assert_eq!(texels, [0.5, 0.25]);
+    }
+
+    /// Materials without a height map cost no second format.
+    #[test]
+    fn flat_materials_are_stored_as_the_others() {
+        let (_folder, a, _) = images();
+        let mut assembly = Assembly::default();
+        let mapped = MaterialSource { height_wrap: Some(Wrap::Mirror), ..source(Some(&a)) };
+        for source in [source(None), mapped, MaterialSource { scale: 7.0, ..source(None) }] {
+            assembly.material(&source).expect("sound");
+        }
+        let scene = assembly.finish(1);
+        assert_eq!(scene.reliefs.len(), 2);
+        let flat = &scene.reliefs[0];
+        assert_eq!((flat.map.format, flat.wrap), (height_format::UNORM8, Some(Wrap::Mirror)));
+        assert_eq!(flat.map.texel(0, 0) - flat.zero, 0.0);
+    }
+
+    #[test]
+    fn triangles_name_what_their_materials_became() {
+        let (_folder, a, b) = images();
+        let corner = |x, y| Vertex { position: Vec3::new(x, y, 0.0), ..Vertex::default() };
+        let vertices = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
+        let mesh = Mesh::with_materials(&vertices, [([0, 1, 2], 1), ([2, 1, 0], 0)].into_iter());
+        let mut assembly = Assembly::default();
+        let sources = [source(Some(&b)), MaterialSource { albedo: Some(Vec3::X), ..source(Some(&a)) }];
+        let ids: Vec<_> = sources.iter().map(|source| assembly.material(source).expect("an image")).collect();
+        assembly.add(mesh, &[ids[1], ids[0]]);
+        let triangles = assembly.finish(1).mesh.triangles;
+        let named: Vec<_> = triangles.iter().map(|t| (t.material(), t.displacement, t.flags & 1)).collect();
+        assert_eq!(named, [(0, 0, 0), (1, 1, 1)]);
+    }
+}
