@@ -101,6 +101,9 @@ struct RenderArgs {
     /// What pixels show
     #[arg(long, value_enum, default_value_t = Shade::Lit)]
     shade: Shade,
+    /// Light the surface by normals of its own instead of its micro-triangles': a small N shades like a large one
+    #[arg(long)]
+    smooth: bool,
     /// What renders: auto takes a graphics card, else the CPU
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
     backend: BackendChoice,
@@ -404,6 +407,7 @@ impl RenderArgs {
             normals: self.normals,
             weld: self.weld,
             shade: self.shade,
+            smooth: self.smooth,
             shadows: !self.no_shadows,
             wrap: self.wrap,
             view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },

@@ -172,6 +172,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         counters: u32::from(settings.counting),
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
+        smooth: u32::from(settings.smooth),
     };
     let (height_min, height_max) = heights::range(&heights.displacements);
     let (color_width, color_height) = color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));

@@ -118,6 +118,8 @@ pub struct SettingsUsed {
     pub weld: Weld,
     /// What pixels show.
     pub shade: Shade,
+    /// Whether light was reflected by the displaced surface's own normals.
+    pub smooth: bool,
     /// Whether lights cast shadows.
     pub shadows: bool,
     /// How maps are read outside [0,1).
@@ -139,6 +141,7 @@ impl SettingsUsed {
             normals: settings.normals,
             weld: settings.weld,
             shade: settings.shade,
+            smooth: settings.smooth,
             shadows: settings.shadows,
             wrap: settings.wrap,
         }
