@@ -41,6 +41,7 @@ pub fn render(
     #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
+    #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -83,6 +84,7 @@ pub fn render(
         counters: counting,
         normals,
         seams: welded,
+        smooth,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {

@@ -114,8 +114,10 @@ pub mod spec {
     pub const NORMALS: u32 = 8;
     /// 1 where some triangle has [`Seams`](super::Seams).
     pub const SEAMS: u32 = 9;
+    /// 1 where light is reflected by the displaced surface's own normals, 0 where by those of its micro-triangles.
+    pub const SMOOTH: u32 = 10;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 10;
+    pub const COUNT: u32 = 11;
 }
 
 /// Values of [`spec::METHOD`].
@@ -142,7 +144,7 @@ pub mod normals {
 pub mod shade {
     /// Lambert and ambient light, times the colour map.
     pub const LIT: u32 = 0;
-    /// The geometric normal, [-1, 1] mapped to [0, 1].
+    /// The normal that light is reflected by, [-1, 1] mapped to [0, 1]: see [`spec::SMOOTH`](super::spec::SMOOTH).
     pub const NORMAL: u32 = 1;
     /// The height, its range mapped to black-white.
     pub const HEIGHT: u32 = 2;

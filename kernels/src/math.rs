@@ -125,6 +125,13 @@ pub fn max_abs(v: Vec3) -> f32 {
     v.x.abs().max(v.y.abs()).max(v.z.abs())
 }
 
+/// `v` as a unit vector, whatever its length: brought to size first, since the square of an area may be more or less than
+/// a float can hold. NaN where `v` is zero or not finite.
+#[inline]
+pub fn unit(v: Vec3) -> Vec3 {
+    (v / max_abs(v)).normalize()
+}
+
 /// Sum of absolute components.
 #[inline]
 pub fn sum_abs(v: Vec3) -> f32 {

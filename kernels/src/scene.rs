@@ -59,6 +59,8 @@ pub struct Features {
     pub normals: u32,
     /// 1 where some triangle has seams.
     pub seams: u32,
+    /// 1 where light is reflected by the displaced surface's own normals.
+    pub smooth: u32,
 }
 
 impl Features {
@@ -75,6 +77,7 @@ impl Features {
             self.counters,
             self.normals,
             self.seams,
+            self.smooth,
         ]
     }
 }

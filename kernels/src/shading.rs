@@ -7,7 +7,7 @@ use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
 use crate::interface::{color_format, method, shade, wrap};
-use crate::math::{at, cross, dot, gamma, max_abs, next_down, next_up};
+use crate::math::{at, cross, dot, gamma, next_down, next_up, unit};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
@@ -23,6 +23,10 @@ pub struct SurfaceInteraction {
     pub point_error: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
+    /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it the displaced surface's
+    /// own ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal on the side of
+    /// `ng`.
+    pub ns: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Index of its [`Material`](crate::interface::Material).
@@ -54,14 +58,21 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
-        // Brought to size first: an area's square may be more or less than a float can hold.
-        let area = cross(p[1] - p[0], p[2] - p[0]);
-        let n = (area / max_abs(area)).normalize();
+        let n = unit(cross(p[1] - p[0], p[2] - p[0]));
+        let ng = if base.flipped { -n } else { n };
+        let ns = if features.smooth == 0 {
+            ng
+        } else if features.method == method::NONE {
+            base.vertex_normal(w, ng)
+        } else {
+            base.shading_normal(&field, w, ng)
+        };
         let uv = base.uv(w);
         SurfaceInteraction {
             point: interpolate(b, p[0], p[1], p[2]),
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
-            ng: if base.flipped { -n } else { n },
+            ng,
+            ns,
             uv,
             material: base.material,
             height: if features.method == method::NONE { 0.0 } else { field.height(&base.map, uv) },
@@ -113,7 +124,7 @@ pub fn shade_hit(
     }
     let surface = SurfaceInteraction::new(scene, features, hit);
     if features.shade == shade::NORMAL {
-        surface.ng * 0.5 + Vec3::splat(0.5)
+        surface.ns * 0.5 + Vec3::splat(0.5)
     } else if features.shade == shade::HEIGHT {
         let d = scene.frame;
         let range = d.height_max - d.height_min;
@@ -127,7 +138,8 @@ pub fn shade_hit(
 }
 
 /// Lambert and ambient light on a two-sided surface: albedo (ambient + sum over lights of I / d² cos), each light
-/// seen through one shadow ray where shadows are on.
+/// seen through one shadow ray where shadows are on. The viewer's side is that of the micro-triangle, and a light on its
+/// other side gives nothing, whatever the shading normal.
 #[inline]
 fn lit(
     scene: &SceneView<'_>,
@@ -139,7 +151,8 @@ fn lit(
 ) -> Vec3 {
     let frame = scene.frame;
     let albedo = albedo(scene, features, surface);
-    let facing = if dot(ray.direction, surface.ng) > 0.0 { -surface.ng } else { surface.ng };
+    let behind = dot(ray.direction, surface.ng) > 0.0;
+    let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
     let mut light = Vec3::splat(frame.ambient);
     let mut i = 0;
     while i < frame.light_count {
@@ -148,7 +161,12 @@ fn lit(
         let squared = to_light.dot(to_light);
         let distance = crate::math::sqrt(squared);
         let wi = to_light / distance;
-        let cosine = wi.dot(facing);
+        let geometric = wi.dot(ng);
+        let cosine = if features.smooth == 0 || !(geometric > 0.0) {
+            geometric
+        } else {
+            softened_cosine(geometric, wi.dot(ns), ng.dot(ns))
+        };
         if cosine > 0.0
             && !(features.shadows != 0
                 && occluded(scene, features, hit, surface, wi, source.position, counts))
@@ -172,6 +190,22 @@ fn albedo(scene: &SceneView<'_>, features: Features, surface: &SurfaceInteractio
     } else {
         sample_color(scene.color_texels, format, wrap, &material, surface.uv)
     }
+}
+
+/// Lambert's cosine at the shading normal, brought down to 0 towards where light begins to come from behind the flat
+/// micro-triangle: without that, a micro-triangle would be lit up to there and black beyond, and show its outline.
+///
+/// The factor is that of Chiang, Li and Burley, "Taming the Shadow Terminator", SIGGRAPH 2019 Talks: with
+/// G = min(1, (ng·wi) / ((ns·wi) (ng·ns))) it is G + G² - G³, which has the slope 0 where it meets 1. The paper takes
+/// ng·ns above 0; where it is not, the product is not above `geometric` either, and G is 1.
+///
+/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not above
+/// 0 where that is not.
+#[inline]
+fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {
+    let whole = shading * between;
+    let g = if geometric < whole { geometric / whole } else { 1.0 };
+    shading * (g * (1.0 + g * (1.0 - g)))
 }
 
 /// Whether the displaced surface stands between a hit and a light.
@@ -343,6 +377,7 @@ mod tests {
             point: Vec3::new(100.0, -3.0, 1.0),
             point_error: Vec3::new(1e-5, 1e-6, 1e-6),
             ng: Vec3::new(0.6, 0.0, 0.8),
+            ns: Vec3::Z,
             uv: Vec2::ZERO,
             material: 0,
             height: 0.0,
@@ -352,6 +387,53 @@ mod tests {
             let along = moved.dot(direction.as_dvec3());
             assert!(along > 0.6 * 1e-5 + 0.8 * 1e-6, "{along}");
         }
+    }
+
+    /// The paper's factor by hand: it has slope 1 at 0, slope 0 where it meets 1, and G = 1 wherever the facet sees the
+    /// light at least as steeply as the shading normal does.
+    #[test]
+    fn softened_cosine_leads_from_lambert_to_nothing() {
+        assert_eq!(softened_cosine(0.5, 0.5, 1.0), 0.5);
+        assert_eq!(softened_cosine(0.9, 0.5, 1.0), 0.5);
+        // G = 1/2: 1/2 + 1/4 - 1/8.
+        assert_eq!(softened_cosine(0.25, 0.5, 1.0), 0.5 * 0.625);
+        assert_eq!(softened_cosine(0.0625, 0.5, 0.25), 0.5 * 0.625);
+        let low = 1e-3;
+        assert!((softened_cosine(low, 1.0, 1.0) - low).abs() < 2.0 * low * low);
+        assert!(softened_cosine(1.0 - low, 1.0, 1.0) > 1.0 - 3.0 * low * low);
+        // More than a right angle between the normals; a light behind the shading normal.
+        assert_eq!(softened_cosine(0.1, 0.5, -0.2), 0.5);
+        assert!(softened_cosine(0.1, -0.5, 0.9) <= 0.0);
+    }
+
+    /// A level square whose vertex normals lean outwards.
+    fn pillow() -> TestScene {
+        let mut scene = TestScene::squares(&[0.0]);
+        for vertex in &mut scene.vertices {
+            vertex.normal = (vertex.position + Vec3::Z).normalize();
+        }
+        scene
+    }
+
+    #[test]
+    fn undisplaced_surface_is_smooth_by_its_vertex_normals() {
+        let hit = Hit { t: 5.0, primitive: 0, cell: 0, b1: 0.25, b2: 0.5 };
+        let smooth = Features { smooth: 1, ..FLAT };
+        for scene in [pillow(), pillow().flipped()] {
+            let surface = SurfaceInteraction::new(&scene.view(), smooth, hit);
+            let expected =
+                (surface.point * 3.0_f32.sqrt().recip() + Vec3::Z * 3.0_f32.sqrt().recip()).normalize();
+            assert_eq!(surface.ng, Vec3::Z);
+            assert!(surface.ns.distance(expected) < 1e-6, "{} {expected}", surface.ns);
+            assert_eq!(SurfaceInteraction::new(&scene.view(), FLAT, hit).ns, surface.ng);
+        }
+        // Vertex normals of a mesh that is stored inside out point away from the side that shows.
+        let mut inside_out = pillow();
+        inside_out.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.normal);
+        assert!(SurfaceInteraction::new(&inside_out.view(), smooth, hit).ns.z > 0.5);
+        let mut bare = pillow();
+        bare.vertices.iter_mut().for_each(|vertex| vertex.normal = Vec3::ZERO);
+        assert_eq!(SurfaceInteraction::new(&bare.view(), smooth, hit).ns, Vec3::Z);
     }
 
     #[test]

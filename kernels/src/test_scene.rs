@@ -37,6 +37,7 @@ pub(crate) const FLAT: Features = Features {
     counters: 0,
     normals: 0,
     seams: 0,
+    smooth: 0,
 };
 
 impl TestScene {

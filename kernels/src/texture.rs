@@ -28,6 +28,20 @@ fn reduce(x: f32, mode: u32) -> f32 {
     }
 }
 
+/// How fast [`reduce`]d coordinates grow with the given ones: 1, or -1 in a mirrored copy, or 0 beyond a clamped border.
+#[inline]
+fn reduce_slope(x: f32, mode: u32) -> f32 {
+    if mode == wrap::REPEAT {
+        1.0
+    } else if mode == wrap::MIRROR {
+        if x - 2.0 * floor(x * 0.5) > 1.0 { -1.0 } else { 1.0 }
+    } else if x >= 0.0 && x <= 1.0 {
+        1.0
+    } else {
+        0.0
+    }
+}
+
 /// A texel index in [-1, n] brought into [0, n): at the border repeat goes to the other side, the others stay.
 #[inline]
 fn wrap_index(i: i32, n: i32, mode: u32) -> u32 {
@@ -85,15 +99,39 @@ pub fn unorm16(word: u32, lane: u32) -> f32 {
     ((word >> (lane * 16)) & 0xffff) as f32 / 65535.0
 }
 
+/// The texels of a footprint in a height map, in its order.
+#[inline]
+fn height_texels(texels: &[u32], format: u32, map: &Displacement, f: &Footprint) -> [f32; 4] {
+    [
+        height_texel(texels, format, map.first_word, f.texels[0]),
+        height_texel(texels, format, map.first_word, f.texels[1]),
+        height_texel(texels, format, map.first_word, f.texels[2]),
+        height_texel(texels, format, map.first_word, f.texels[3]),
+    ]
+}
+
 /// The bilinearly filtered value of a height map at (u, v), which must be finite. The value leaves the range of the
 /// four texels by at most 3 ulp of the greatest magnitude among them.
 #[inline]
 pub fn sample_height(texels: &[u32], format: u32, mode: u32, map: &Displacement, uv: Vec2) -> f32 {
     let f = footprint(uv, map.map_width, map.map_height, mode);
-    let texel = |i: usize| height_texel(texels, format, map.first_word, f.texels[i]);
-    let top = lerp(f.fx, texel(0), texel(1));
-    let bottom = lerp(f.fx, texel(2), texel(3));
-    lerp(f.fy, top, bottom)
+    let t = height_texels(texels, format, map, &f);
+    lerp(f.fy, lerp(f.fx, t[0], t[1]), lerp(f.fx, t[2], t[3]))
+}
+
+/// The gradient of [`sample_height`] at (u, v), which must be finite: its growth for a unit of u, and of v. On the lines
+/// through texel centres, where the filter has a kink, it is that of the texels to the right and below.
+#[inline]
+pub fn height_gradient(texels: &[u32], format: u32, mode: u32, map: &Displacement, uv: Vec2) -> Vec2 {
+    let f = footprint(uv, map.map_width, map.map_height, mode);
+    let t = height_texels(texels, format, map, &f);
+    let along_row = lerp(f.fy, t[1] - t[0], t[3] - t[2]);
+    let down = lerp(f.fx, t[2] - t[0], t[3] - t[1]);
+    // Rows are counted downwards, v upwards.
+    Vec2::new(
+        along_row * (map.map_width as f32 * reduce_slope(uv.x, mode)),
+        -down * (map.map_height as f32 * reduce_slope(uv.y, mode)),
+    )
 }
 
 /// Texel `i` of a colour map that begins at word `first`, linear RGB.
@@ -164,6 +202,26 @@ mod tests {
         assert_eq!(sample(wrap::CLAMP, 7.0, 0.75), 3.0);
         assert_eq!(sample(wrap::MIRROR, 1.125, 0.75), 3.0);
         assert_eq!(sample(wrap::MIRROR, -0.375, 0.75), sample(wrap::MIRROR, 0.375, 0.75));
+    }
+
+    #[test]
+    fn gradient_is_the_growth_for_a_unit_of_u_and_of_v() {
+        let texels = MAP.map(f32::to_bits);
+        let map = Displacement { map_width: 4, map_height: 2, ..Displacement::default() };
+        let gradient = |mode, u, v| {
+            height_gradient(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, v)).to_array()
+        };
+        // A texel to the right is 1 more and 1/4 of the map on; one upwards is 10 less and 1/2 on.
+        assert_eq!(gradient(wrap::CLAMP, 0.25, 0.5), [4.0, -20.0]);
+        assert_eq!(gradient(wrap::REPEAT, 3.25, -1.5), [4.0, -20.0]);
+        // In the mirrored copy to the right the map runs back; in the one above too.
+        assert_eq!(gradient(wrap::MIRROR, 1.75, 0.5), [-4.0, -20.0]);
+        assert_eq!(gradient(wrap::MIRROR, 0.25, 1.5), [4.0, 20.0]);
+        // Between the last column, 3, and the first one, 0, on the other side.
+        assert_eq!(gradient(wrap::REPEAT, 0.0, 0.75)[0], -12.0);
+        // Nothing changes beyond the centres of clamped border texels, nor beyond the map.
+        assert_eq!(gradient(wrap::CLAMP, 0.0625, 0.5), [0.0, -20.0]);
+        assert_eq!(gradient(wrap::CLAMP, -3.0, 7.0), [0.0, 0.0]);
     }
 
     #[test]

@@ -106,6 +106,9 @@ struct RenderArgs {
     /// What pixels show [default: lit]
     #[arg(long, value_enum)]
     shade: Option<Shade>,
+    /// Light the surface by normals of its own instead of its micro-triangles': a small N shades like a large one
+    #[arg(long)]
+    smooth: bool,
     /// What renders: auto takes a graphics card, else the CPU
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
     backend: BackendChoice,
@@ -420,6 +423,7 @@ impl RenderArgs {
             normals: self.normals.unwrap_or(base.normals),
             weld: self.weld.unwrap_or(base.weld),
             shade: self.shade.unwrap_or(base.shade),
+            smooth: base.smooth || self.smooth,
             shadows: base.shadows && !self.no_shadows,
             wrap: self.wrap.unwrap_or(base.wrap),
             view,

@@ -182,6 +182,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         counters: u32::from(settings.counting),
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
+        smooth: u32::from(settings.smooth),
     };
     let (height_min, height_max) = heights::range(&heights.displacements);
     let frame = Frame {

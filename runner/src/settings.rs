@@ -77,7 +77,7 @@ pub enum Weld {
 pub enum Shade {
     /// Lambert and ambient light, times the colour map
     Lit,
-    /// The geometric normal, from -1 to 1 mapped to black to white
+    /// The normal that light is reflected by, from -1 to 1 mapped to black to white
     Normal,
     /// The height, its range mapped to black-white
     Height,
@@ -152,6 +152,9 @@ pub struct Settings {
     pub weld: Weld,
     /// What a pixel shows.
     pub shade: Shade,
+    /// Whether light is reflected by the displaced surface's own normals instead of its micro-triangles': a small N then
+    /// shades like a large one.
+    pub smooth: bool,
     /// Whether lights cast shadows.
     pub shadows: bool,
     /// How maps are read outside [0,1) unless they say it themselves.
@@ -186,6 +189,7 @@ impl Default for Settings {
             normals: Normals::Normalized,
             weld: Weld::On,
             shade: Shade::Lit,
+            smooth: false,
             shadows: true,
             wrap: Wrap::Repeat,
             view: View::default(),

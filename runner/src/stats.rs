@@ -120,6 +120,8 @@ pub struct SettingsUsed {
     pub weld: Weld,
     /// What pixels show.
     pub shade: Shade,
+    /// Whether light was reflected by the displaced surface's own normals.
+    pub smooth: bool,
     /// Whether lights cast shadows.
     pub shadows: bool,
     /// How maps are read outside [0,1); null where they differ.
@@ -143,6 +145,7 @@ impl SettingsUsed {
             normals: settings.normals,
             weld: settings.weld,
             shade: settings.shade,
+            smooth: settings.smooth,
             shadows: settings.shadows,
             wrap: agreed(wraps.map(|wrap| wrap.unwrap_or(settings.wrap))),
         }

@@ -213,6 +213,23 @@ fn statistics_have_every_number() {
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
     assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"quadtree".into()));
     assert_eq!((&settings["normals"], &settings["weld"]), (&"normalized".into(), &"on".into()));
+    assert_eq!(settings["smooth"], false);
+}
+
+#[test]
+fn smooth_shading_is_asked_for_and_shows() {
+    let place = Place::new();
+    for shade in ["lit", "normal"] {
+        let picture = |more: &[&str]| {
+            let arguments = [&QUICK[..], &["--shade", shade, "--stats=stats.json"], more].concat();
+            place.run(&arguments).succeeded();
+            place.read("out.png")
+        };
+        let flat = picture(&[]);
+        assert_ne!(flat, picture(&["--smooth"]), "{shade}");
+        let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
+        assert_eq!(stats["settings"]["smooth"], true);
+    }
 }
 
 // What is said.

@@ -71,6 +71,15 @@ impl ReadyJob {
         self.scene.view()
     }
 
+    /// Puts the job's only light elsewhere.
+    ///
+    /// # Panics
+    /// Where it has none.
+    pub fn move_light(&mut self, position: Vec3) {
+        self.job.buffers.lights[0].position = position;
+        self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("the light is the frame's");
+    }
+
     /// The box of each prism.
     pub fn boxes(&self) -> &[Aabb] {
         self.scene.boxes()

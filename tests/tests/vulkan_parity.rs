@@ -284,6 +284,39 @@ fn seams_and_both_directions_are_alike() {
     finish(backend);
 }
 
+/// Smooth shading, with what shading normals depend on: the direction, the wrap, whether anything is displaced.
+#[test]
+fn smooth_pictures_are_alike() {
+    let mut backend = lavapipe();
+    let mut alike = |(scene, settings): (Scene, Settings), method, normals: Normals, wrap| {
+        let settings = Settings { method, normals, wrap, smooth: true, ..settings };
+        let lit = job(scene.clone(), &settings);
+        let picture = assert_alike(&mut backend, &lit, &format!("{method:?}, {normals:?}, {wrap:?}, smooth"));
+        let flat = against_cpu(&job(scene, &Settings { smooth: false, ..settings }), SAMPLES, &picture);
+        assert!(
+            flat.strays() > 100,
+            "{method:?}, {normals:?}, {wrap:?}: smooth shading does not show: {flat}"
+        );
+    };
+    for (wrap, format) in
+        WRAPS.into_iter().zip([height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32])
+    {
+        let (mut scene, settings) = overhanging_quilt();
+        scene.subdivisions = 5;
+        scene.reliefs[0] = Relief::new(relief(format), 0.3, 0.1);
+        alike((scene, settings), Method::Quadtree, Normals::Normalized, wrap);
+    }
+    alike(split_cube(), Method::Quadtree, Normals::Normalized, Wrap::Repeat);
+    alike(split_cube(), Method::BruteForce, Normals::Linear, Wrap::Repeat);
+    let knot = builtin_scene("builtin:knot", 4, WIDTH, HEIGHT);
+    alike(knot.clone(), Method::GridWalk, Normals::Linear, Wrap::Repeat);
+    alike(knot.clone(), Method::None, Normals::Normalized, Wrap::Repeat);
+    let (scene, settings) = knot;
+    let normals = job(scene, &Settings { shade: Shade::Normal, smooth: true, ..settings });
+    assert_alike(&mut backend, &normals, "smooth normals");
+    finish(backend);
+}
+
 /// Rays see the seams and the directions that pictures do.
 #[test]
 fn rays_meet_seams_as_pictures_do() {

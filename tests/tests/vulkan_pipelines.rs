@@ -23,6 +23,7 @@ const ALL: Features = Features {
     counters: 1,
     normals: normals::NORMALIZED,
     seams: 1,
+    smooth: 1,
 };
 
 /// What is left of an entry point.
@@ -104,12 +105,13 @@ fn scenes_without_seams_have_no_code_for_them() {
 #[test]
 fn features_that_are_off_leave_no_code() {
     let with = specialized("render", ALL);
-    let off: [(Features, &[u32]); 5] = [
+    let off: [(Features, &[u32]); 6] = [
         (Features { shadows: 0, ..ALL }, &[]),
         (Features { color_format: color_format::NONE, ..ALL }, &[binding::COLOR_TEXELS]),
         (Features { normals: normals::LINEAR, ..ALL }, &[]),
         (Features { shade: shade::NORMAL, ..ALL }, &[binding::LIGHTS, binding::COLOR_TEXELS]),
         (Features { counters: 0, ..ALL }, &[]),
+        (Features { smooth: 0, ..ALL }, &[]),
     ];
     for (features, unread) in off {
         let without = specialized("render", features);

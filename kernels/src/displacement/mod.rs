@@ -6,6 +6,7 @@ pub mod grid_walk;
 pub mod height_pyramid;
 pub mod quadtree;
 pub mod seams;
+pub mod shading_normal;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_prism;

@@ -9,7 +9,7 @@ use crate::interface::{Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Triangl
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
-use crate::texture::sample_height;
+use crate::texture::{height_gradient, sample_height};
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
@@ -79,6 +79,13 @@ impl<'a> HeightField<'a> {
         let texel = sample_height(self.texels, format, wrap, map, uv);
         map.scale * (texel - map.zero)
     }
+
+    /// Growth of [`height`](Self::height) for a unit of each texture coordinate.
+    #[inline]
+    pub fn height_gradient(&self, map: &Displacement, uv: Vec2) -> Vec2 {
+        let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
+        height_gradient(self.texels, format, wrap, map, uv) * map.scale
+    }
 }
 
 impl Displacement {
@@ -132,7 +139,7 @@ pub struct BaseTriangle {
 }
 
 /// An interpolated normal no longer than this has no direction: its square is near what floats can hold, or rounding.
-const NO_DIRECTION: f32 = 1e-15;
+pub(super) const NO_DIRECTION: f32 = 1e-15;
 
 /// Along which direction a micro-vertex is displaced, and how far.
 #[derive(Clone, Copy)]

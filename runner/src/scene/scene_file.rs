@@ -134,6 +134,7 @@ impl SceneFile {
         settings.normals = render.normals.unwrap_or(settings.normals);
         settings.weld = render.weld.unwrap_or(settings.weld);
         settings.shade = render.shade.unwrap_or(settings.shade);
+        settings.smooth = render.smooth.unwrap_or(settings.smooth);
         settings.shadows = render.shadows.unwrap_or(settings.shadows);
         settings.ambient = render.ambient.map_or(settings.ambient, |share| share.0);
         settings.background = render.background.map(linear);
@@ -222,6 +223,7 @@ struct RenderTable {
     normals: Option<Normals>,
     weld: Option<Weld>,
     shade: Option<Shade>,
+    smooth: Option<bool>,
     shadows: Option<bool>,
     ambient: Option<NotNegative>,
     background: Option<[Share; 3]>,
@@ -447,7 +449,7 @@ mod tests {
     fn every_key_of_the_picture_reaches_the_settings() {
         let scene = parsed(&format!(
             "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\nnormals = \"linear\"\n\
-             weld = \"off\"\nshade = \"uv\"\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
+             weld = \"off\"\nshade = \"uv\"\nsmooth = true\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
              [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
              [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
         ));
@@ -461,6 +463,7 @@ mod tests {
             normals: Normals::Linear,
             weld: Weld::Off,
             shade: Shade::Uv,
+            smooth: true,
             shadows: false,
             ambient: 0.25,
             seed: 11,

@@ -36,7 +36,7 @@ impl Relief {
             steepest: DVec2::ZERO,
             magnitude,
         };
-        relief.steepest = relief.steepest();
+        relief.steepest = relief.measured_steepest();
         relief
     }
 
@@ -60,11 +60,31 @@ impl Relief {
     /// x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add two
     /// roundings.
     pub(super) fn height_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
-        let size = DVec2::new(self.width as f64, self.height as f64);
-        let shift = size * (rounding.interpolation() * uv + DVec2::splat(3.0 + rounding.product));
+        let shift = self.size() * (rounding.interpolation() * uv + DVec2::splat(3.0 + rounding.product));
         let filter = rounding.bilinear() * self.magnitude;
         let offset = 2.0 * (self.magnitude + self.zero.abs());
         UNIT_ROUNDOFF * self.scale.abs() * (shift.dot(self.steepest) + filter + offset)
+    }
+
+    /// Sides in texels.
+    pub(super) fn size(&self) -> DVec2 {
+        DVec2::new(self.width as f64, self.height as f64)
+    }
+
+    /// Height of a texel step from 0 to 1.
+    pub(super) fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Greatest difference between neighbours in a row, and in a column.
+    pub(super) fn steepest(&self) -> DVec2 {
+        self.steepest
+    }
+
+    /// Distances, in texels, from the nearest line through the centres of a column, and of a row.
+    pub(super) fn distance_to_lines(&self, uv: DVec2) -> DVec2 {
+        let texel = uv * self.size() - DVec2::splat(0.5);
+        (texel - texel.round()).abs()
     }
 
     /// The texel in column `i` from the left and row `j` from the top of the map that goes on without end.
@@ -74,7 +94,7 @@ impl Relief {
         self.texels[(j * self.width + i) as usize]
     }
 
-    fn steepest(&self) -> DVec2 {
+    fn measured_steepest(&self) -> DVec2 {
         let mut steepest = DVec2::ZERO;
         for j in 0..self.height {
             for i in 0..self.width {
@@ -162,7 +182,7 @@ mod tests {
 
     #[test]
     fn steepest_step_counts_the_seam() {
-        assert_eq!(relief(wrap::REPEAT).steepest, DVec2::new(2.0, 10.0));
-        assert_eq!(relief(wrap::CLAMP).steepest, DVec2::new(1.0, 10.0));
+        assert_eq!(relief(wrap::REPEAT).steepest(), DVec2::new(2.0, 10.0));
+        assert_eq!(relief(wrap::CLAMP).steepest(), DVec2::new(1.0, 10.0));
     }
 }

@@ -1,0 +1,129 @@
+//! Shading normals: those of the surface that the micro-triangles approach as N grows, so that a few of them shade like
+//! many.
+
+use crate::barycentric::interpolate;
+use crate::displacement::surface::{BaseTriangle, HeightField, NO_DIRECTION};
+use crate::interface::normals;
+use crate::math::{cross, dot, sqrt, unit};
+use glam::Vec3;
+
+impl BaseTriangle {
+    /// Unit normal, to the outside of the base mesh, of the displaced surface at barycentric coordinates `w`; `ng`, the
+    /// micro-triangle's there, where the surface has none: where its two derivatives are parallel or not finite, and where
+    /// interpolated normals cancel, so that there is no direction to displace in.
+    ///
+    /// The surface is S = P + h d with d = n / |n| for normalised directions, d = n for linear ones, P and n interpolated,
+    /// h the filtered height at the interpolated texture coordinates t. Its derivative along a barycentric direction,
+    /// from vertex 0 to vertex 1 or 2, is
+    ///
+    ///   S' = P' + h d' + h' d,  h' = grad h · t',  d' = (n' - d (d · n')) / |n| or n',
+    ///
+    /// exactly, where the filter has no kink. The normal is the cross product of the two, of which d × d drops out
+    /// (as in Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978, who drops h d' as well):
+    ///
+    ///   A × B + h'_1 (d × B) + h'_2 (A × d),  A = P'_1 + h d'_1,  B = P'_2 + h d'_2.
+    ///
+    /// It is that of the triangle's own height field, also where a seam decides heights and directions at its border.
+    /// A triangle of no extent in the map has h' = 0. `ng` may lie on the other side, or more than a right angle away,
+    /// where a micro-triangle spans a relief too steep for it.
+    #[inline]
+    pub fn shading_normal(&self, field: &HeightField<'_>, w: Vec3, ng: Vec3) -> Vec3 {
+        let n = interpolate(w, self.n0, self.n1, self.n2);
+        let (n1, n2) = (self.n1 - self.n0, self.n2 - self.n0);
+        let length = sqrt(dot(n, n));
+        let linear = field.normals == normals::LINEAR;
+        let (d, d1, d2) = if linear {
+            (n, n1, n2)
+        } else {
+            let d = n / length;
+            (d, (n1 - d * dot(d, n1)) / length, (n2 - d * dot(d, n2)) / length)
+        };
+        let uv = self.uv(w);
+        let h = field.height(&self.map, uv);
+        let gradient = field.height_gradient(&self.map, uv);
+        let (h1, h2) = (gradient.dot(self.t1 - self.t0), gradient.dot(self.t2 - self.t0));
+        let (a, b) = (self.p1 - self.p0 + d1 * h, self.p2 - self.p0 + d2 * h);
+        let normal = unit(cross(a, b) + cross(d, b) * h1 + cross(a, d) * h2);
+        let outward = if self.flipped { -normal } else { normal };
+        if linear || length > NO_DIRECTION { or_geometric(outward, ng) } else { ng }
+    }
+
+    /// The interpolated vertex normal at `w` as a unit vector on the side of `ng`, or `ng` where there is none.
+    #[inline]
+    pub fn vertex_normal(&self, w: Vec3, ng: Vec3) -> Vec3 {
+        let n = interpolate(w, self.n0, self.n1, self.n2);
+        let normal = if dot(n, n) > NO_DIRECTION * NO_DIRECTION { unit(n) } else { ng };
+        or_geometric(if dot(normal, ng) < 0.0 { -normal } else { normal }, ng)
+    }
+}
+
+/// `normal` where it is a unit vector, `ng` where it is none but NaN.
+#[inline]
+fn or_geometric(normal: Vec3, ng: Vec3) -> Vec3 {
+    if dot(normal, normal) > 0.5 { normal } else { ng }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Features;
+    use crate::test_scene::{FLAT, TestScene};
+
+    const W: Vec3 = Vec3::new(0.5, 0.25, 0.25);
+    /// None that any surface of these tests has.
+    const NG: Vec3 = Vec3::new(0.0, -0.6, 0.8);
+
+    /// The shading normal of a scene's first triangle at [`W`], or [`NG`].
+    fn at_w(scene: &TestScene, normals: u32) -> Vec3 {
+        let view = scene.view();
+        let field = HeightField::new(&view, Features { normals, smooth: 1, ..FLAT });
+        BaseTriangle::load(&view, 0).shading_normal(&field, W, NG)
+    }
+
+    /// Heights that rise by a half for a unit of u, which is x: h = (u + 1) / 2 between texel centres 0.25 and 0.75.
+    fn ramp() -> TestScene {
+        let mut scene = TestScene::squares(&[0.0]);
+        let map = &mut scene.displacements[0];
+        (map.map_width, map.map_height, map.scale) = (2, 1, 0.25);
+        scene.height_texels = vec![0.0_f32.to_bits(), 1.0_f32.to_bits()];
+        scene.vertices.iter_mut().for_each(|vertex| vertex.u = 0.5 + vertex.position.x * 0.25);
+        scene
+    }
+
+    #[test]
+    fn ramp_leans_by_its_slope() {
+        // A texel step of 0.25 for 0.5 of u, for 2 of x: the surface rises by 1/8 for 1.
+        let expected = Vec3::new(-0.125, 0.0, 1.0).normalize();
+        for scene in [ramp(), ramp().flipped()] {
+            for normals in [normals::NORMALIZED, normals::LINEAR] {
+                let normal = at_w(&scene, normals);
+                assert!(normal.distance(expected) < 1e-6, "{normal} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn triangle_without_extent_in_the_map_has_the_normal_of_its_level() {
+        let mut scene = ramp();
+        scene.vertices.iter_mut().for_each(|vertex| vertex.u = 0.5);
+        assert_eq!(at_w(&scene, normals::NORMALIZED), Vec3::Z);
+    }
+
+    #[test]
+    fn surface_without_a_normal_takes_the_geometric_one() {
+        // Normals cancel at W: half of vertex 0 against a quarter of each of the others.
+        let mut cancelling = ramp();
+        cancelling.vertices[0].normal = -Vec3::Z;
+        assert_eq!(at_w(&cancelling, normals::NORMALIZED), NG);
+        // All points displaced onto one: P + h n with n = -P / h.
+        let mut collapsed = TestScene::squares(&[1.0]);
+        (collapsed.displacements[0].scale, collapsed.displacements[0].zero) = (1.0, -1.0);
+        collapsed.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.position);
+        assert_eq!(at_w(&collapsed, normals::LINEAR), NG);
+        // Heights beyond what a float holds.
+        let mut endless = ramp();
+        endless.displacements[0].scale = f32::MAX;
+        endless.vertices.iter_mut().for_each(|vertex| vertex.u *= 1e9);
+        assert_eq!(at_w(&endless, normals::NORMALIZED), NG);
+    }
+}
