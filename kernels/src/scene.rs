@@ -1,6 +1,8 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
-use crate::interface::{BvhNode, Displacement, Frame, PointLight, SeamSide, Seams, Triangle, Vertex};
+use crate::interface::{
+    BvhNode, Displacement, Frame, PointLight, SeamSide, Seams, Tangent, Triangle, Vertex,
+};
 
 /// The buffers of a scene, as bound by the backend.
 #[derive(Clone, Copy)]
@@ -9,6 +11,8 @@ pub struct SceneView<'a> {
     pub frame: &'a Frame,
     /// Corners of the base mesh.
     pub vertices: &'a [Vertex],
+    /// Their tangents; none unless vector displacement is along them.
+    pub tangents: &'a [Tangent],
     /// Base triangles.
     pub triangles: &'a [Triangle],
     /// The BVH, its root first.
@@ -55,6 +59,8 @@ pub struct Features {
     pub normals: u32,
     /// 1 where some triangle has seams.
     pub seams: u32,
+    /// See [`displacement_kind`](crate::interface::displacement_kind).
+    pub displacement: u32,
 }
 
 impl Features {
@@ -71,6 +77,7 @@ impl Features {
             self.counters,
             self.normals,
             self.seams,
+            self.displacement,
         ]
     }
 }

@@ -16,7 +16,7 @@ use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
-use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{ChannelOrder, DisplacementKind, Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
@@ -56,17 +56,18 @@ enum Command {
 /// stands in for them is printed.
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
-    /// OBJ file, or builtin:knot, builtin:cube, builtin:quilt [default: builtin:knot]
+    /// OBJ file, or builtin:knot, builtin:cube, builtin:quilt, builtin:mushroom [default: builtin:knot]
     #[arg(value_parser = values::model())]
     model: Option<ModelArgument>,
     /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, else none]
     #[arg(value_parser = values::map())]
     color: Option<MapArgument>,
-    /// Height map, or none; colour images count by their luminance [default: the built-in's, or the disp, map_disp
-    /// or bump of the OBJ's materials, else none]
+    /// Height map, or none; colour images count by their luminance. With --displacement a vector map [default: the
+    /// built-in's, or the disp, map_disp or bump of the OBJ's materials, else none]
     #[arg(value_parser = values::map())]
     height: Option<MapArgument>,
-    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5]
+    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5; of a vector
+    /// map of floats 0]
     #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
     zero: Option<values::OrDefault<f32>>,
     /// Height from black to white, in model units, may be negative [default: the built-in's, else 5 % of the
@@ -132,6 +133,14 @@ struct RenderArgs {
     /// Lights cast no shadows
     #[arg(long)]
     no_shadows: bool,
+    /// What the height map's texels displace along: heights, or vectors in tangent or in object space [default: the
+    /// built-in's, else height]
+    #[arg(long, value_enum, value_name = "KIND")]
+    displacement: Option<DisplacementKind>,
+    /// Which channels of a vector map are along tangent, bitangent and normal, or along x, y and z: blender, mudbox,
+    /// zbrush, or three of them with their signs, as +r+b-g [default: blender; in object space +r+g+b]
+    #[arg(long, value_name = "ORDER", value_parser = values::channels, allow_hyphen_values = true)]
+    channels: Option<ChannelOrder>,
     /// How maps are read outside [0,1)
     #[arg(long, value_enum, default_value_t = Wrap::Repeat)]
     wrap: Wrap,
@@ -203,8 +212,13 @@ impl CliError {
             | CliError::DeviceWithCpu
             | CliError::StatsOverPicture(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
-            | CliError::Input(InputError::UnknownBuiltin { .. })
-            | CliError::Render(RenderError::Framing(_)) => 2,
+            | CliError::Input(
+                InputError::UnknownBuiltin { .. }
+                | InputError::NoVectors { .. }
+                | InputError::InvertVectors
+                | InputError::ChannelsOfNothing,
+            )
+            | CliError::Render(RenderError::Framing(_) | RenderError::WalkOfVectors) => 2,
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
             CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
             _ => 1,
@@ -337,13 +351,7 @@ impl RenderArgs {
         let inputs = self.inputs(&mut settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
-        let used = SettingsUsed::new(
-            &settings,
-            self.samples,
-            scene.reliefs[0].zero,
-            scene.reliefs[0].scale,
-            scene.subdivisions,
-        );
+        let used = SettingsUsed::new(&settings, self.samples, inputs.zero, inputs.scale, scene.subdivisions);
         let mut job = prepare(scene, &settings)?;
         load(backend.as_mut(), &mut job)?;
         let build = backend.build_report();
@@ -401,6 +409,7 @@ impl RenderArgs {
             width: self.size.0,
             height: self.size.1,
             method: self.method,
+            displacement: self.displacement.unwrap_or(DisplacementKind::Height),
             normals: self.normals,
             weld: self.weld,
             shade: self.shade,
@@ -422,7 +431,7 @@ impl RenderArgs {
         Ok(open_backend(self.backend, self.device.as_deref(), self.validate)?)
     }
 
-    /// Loads what the six arguments name; a built-in scene also brings its view and its lights.
+    /// Loads what the six arguments name; a built-in scene also brings its kind of displacement, its view and its lights.
     fn inputs(&self, settings: &mut Settings) -> Result<Inputs, CliError> {
         let inputs = inputs::load(&inputs::Request {
             model: self.model.clone().unwrap_or_default(),
@@ -432,7 +441,10 @@ impl RenderArgs {
             scale: self.scale.and_then(values::OrDefault::given),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
+            displacement: self.displacement,
+            channels: self.channels,
         })?;
+        settings.displacement = inputs.displacement;
         if let Some((from, up)) = inputs.view {
             (settings.view.from, settings.view.usual_up) = (from, up);
         }

@@ -1,7 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{method, normals, shade, wrap};
+use emboss_kernels::interface::{displacement_kind, method, normals, shade, wrap};
 use glam::Vec3;
 
 /// How displaced triangles are intersected.
@@ -37,6 +37,60 @@ impl Method {
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
             Method::None => 64,
+        }
+    }
+}
+
+/// What the texels of height maps displace along.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DisplacementKind {
+    /// Heights, along the normal
+    Height,
+    /// Vectors, along tangent, bitangent and normal (those of MikkTSpace)
+    Tangent,
+    /// Vectors, along the model's x, y and z
+    Object,
+}
+
+impl DisplacementKind {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            DisplacementKind::Height => displacement_kind::HEIGHT,
+            DisplacementKind::Tangent => displacement_kind::TANGENT,
+            DisplacementKind::Object => displacement_kind::OBJECT,
+        }
+    }
+}
+
+/// Which channels of a vector map are along which axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelOrder {
+    /// As Blender writes and reads them.
+    Blender,
+    /// As Mudbox writes them.
+    Mudbox,
+    /// As ZBrush writes them with its `TangentFlipAndSwitch` (or `FlipAndSwitch`) at 25.
+    Zbrush,
+    /// The channel (0 to 2) of each axis, and whether it is turned round.
+    Custom([(usize, bool); 3]),
+}
+
+impl ChannelOrder {
+    /// Channels for tangent, bitangent and normal, or for x, y and z, each with the sign that it takes.
+    ///
+    /// In tangent space the three programs agree: red along the tangent, green along the normal, blue along the bitangent. Blender's
+    /// manual says so of its Vector Displacement node, Maya's of the maps of Mudbox (with *Absolute Tangent*); of ZBrush it is what
+    /// importers take 25 for, the setting that is advised for Maya. (It has 48.) In object space they are x, y and z, where
+    /// Blender's z is up: the OBJ files that it writes have its z as y, and its y as -z, unless told otherwise.
+    pub fn axes(self, kind: DisplacementKind) -> [(usize, f32); 3] {
+        let sign = |(channel, negative)| (channel, if negative { -1.0 } else { 1.0 });
+        match (self, kind) {
+            (ChannelOrder::Custom(axes), _) => axes.map(sign),
+            (ChannelOrder::Blender, DisplacementKind::Object) => [(0, 1.0), (2, 1.0), (1, -1.0)],
+            (_, DisplacementKind::Object) => [(0, 1.0), (1, 1.0), (2, 1.0)],
+            _ => [(0, 1.0), (2, 1.0), (1, 1.0)],
         }
     }
 }
@@ -79,7 +133,7 @@ pub enum Shade {
     Lit,
     /// The geometric normal, from -1 to 1 mapped to black to white
     Normal,
-    /// The height, its range mapped to black-white
+    /// The height, its range mapped to black-white; of vectors the length
     Height,
     /// Texture coordinates in red and green
     Uv,
@@ -146,6 +200,11 @@ pub struct Settings {
     pub height: u32,
     /// How displaced triangles are intersected.
     pub method: Method,
+    /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis each
+    /// (tangent, bitangent, normal; x, y, z), and triangles name the first.
+    ///
+    /// [`Scene::reliefs`]: crate::render::Scene::reliefs
+    pub displacement: DisplacementKind,
     /// Along which direction heights are measured.
     pub normals: Normals,
     /// Whether neighbours that disagree at an edge or a vertex meet without a crack.
@@ -183,6 +242,7 @@ impl Default for Settings {
             width: 960,
             height: 720,
             method: Method::Quadtree,
+            displacement: DisplacementKind::Height,
             normals: Normals::Normalized,
             weld: Weld::On,
             shade: Shade::Lit,

@@ -9,3 +9,5 @@ pub mod seams;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_prism;
+pub mod vector;
+pub(crate) mod vector_bounds;

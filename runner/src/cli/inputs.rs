@@ -2,10 +2,10 @@
 
 use crate::render::Scene;
 use crate::scene::builtin::{self, BuiltinScene};
-use crate::scene::image::{load_color_map, load_height_map};
+use crate::scene::image::{load_color_map, load_height_map, load_vector_map};
 use crate::scene::obj::load_obj;
 use crate::scene::{ColorMap, HeightMap, MaterialMaps, Mesh, Relief, SceneError};
-use crate::settings::Light;
+use crate::settings::{ChannelOrder, DisplacementKind, Light};
 use emboss_kernels::interface::height_format;
 use glam::Vec3;
 use std::fmt;
@@ -42,7 +42,7 @@ pub(super) enum MapArgument {
     File(PathBuf),
 }
 
-/// The six arguments as given, and `--invert`.
+/// The six arguments as given, and the options that say how the height map is read.
 pub(super) struct Request {
     pub(super) model: ModelArgument,
     pub(super) color: MapArgument,
@@ -51,11 +51,19 @@ pub(super) struct Request {
     pub(super) scale: Option<f32>,
     pub(super) subdivisions: Option<u32>,
     pub(super) invert: bool,
+    pub(super) displacement: Option<DisplacementKind>,
+    pub(super) channels: Option<ChannelOrder>,
 }
 
 /// What the arguments come to.
 pub(super) struct Inputs {
     pub(super) scene: Scene,
+    /// What the height map's texels displace along.
+    pub(super) displacement: DisplacementKind,
+    /// The texel value of no displacement.
+    pub(super) zero: f32,
+    /// Height of a texel step from 0 to 1, in model units.
+    pub(super) scale: f32,
     /// For the user: each argument's value and where it comes from.
     pub(super) choices: [Choice; 6],
     /// A built-in scene's direction to the camera, and what is up.
@@ -80,6 +88,22 @@ pub(super) enum InputError {
         /// The name, with `builtin:`.
         name: String,
     },
+    /// Vectors are asked of a scene that has none.
+    #[error("the relief of {name} is a height map; name a vector map as HEIGHT, or leave --displacement out")]
+    NoVectors {
+        /// The scene.
+        name: String,
+    },
+    /// `--invert` with vectors.
+    #[error(
+        "--invert turns heights upside down; of a vector map choose the signs with --channels, as -r-b-g"
+    )]
+    InvertVectors,
+    /// `--channels` without a vector map in a file.
+    #[error(
+        "--channels says which channels of a vector map are along which axes; name one as HEIGHT, with --displacement tangent or object"
+    )]
+    ChannelsOfNothing,
     /// A file cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -110,6 +134,7 @@ struct Model {
 /// What a built-in scene brings beside its mesh.
 struct Recommended {
     height: HeightMap,
+    sideways: Option<[HeightMap; 2]>,
     color: Option<ColorMap>,
     zero: f32,
     scale: f32,
@@ -117,6 +142,9 @@ struct Recommended {
     view: (Vec3, Vec3),
     lights: Vec<Light>,
 }
+
+/// A height map, or the three of a vector map, each with the sign that its scale takes.
+type Maps = Vec<(HeightMap, f32)>;
 
 /// A value, how it is shown, and where it comes from.
 struct Settled<T> {
@@ -138,12 +166,12 @@ impl<T> Settled<T> {
 /// Loads what the arguments name, and fills in what they leave out.
 pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
     let mut model = load_model(&request.model)?;
+    let displacement = displacement_kind(request, &model)?;
     let builtin = model.builtin.as_ref();
-    let zero = number(request.zero, builtin.map(|b| b.zero), || ZERO);
     let scale = number(request.scale, builtin.map(|b| b.scale), || SCALE_SHARE * diagonal(&model.mesh));
     let subdivisions = number(request.subdivisions, builtin.map(|b| b.subdivisions), || SUBDIVISIONS);
     let color = color_map(&request.color, &mut model)?;
-    let height = height_map(request, zero.value, &mut model)?;
+    let (height, zero) = height_maps(request, displacement, &mut model)?;
     warn_of_map(&height);
 
     let model_origin = if request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
@@ -155,14 +183,35 @@ pub(super) fn load(request: &Request) -> Result<Inputs, InputError> {
         scale.choice("scale"),
         subdivisions.choice("N"),
     ];
+    let relief = |(map, sign): (HeightMap, f32)| Relief { map, zero: zero.value, scale: sign * scale.value };
     let scene = Scene {
         mesh: model.mesh,
-        reliefs: vec![Relief { map: height.value, zero: zero.value, scale: scale.value }],
+        reliefs: height.value.into_iter().map(relief).collect(),
         color_map: color.value,
         subdivisions: subdivisions.value,
     };
     let (view, lights) = model.builtin.map_or((None, Vec::new()), |b| (Some(b.view), b.lights));
-    Ok(Inputs { scene, choices, view, lights })
+    Ok(Inputs { scene, displacement, zero: zero.value, scale: scale.value, choices, view, lights })
+}
+
+/// What texels displace along: as given, else what the built-in scene's own map is for, else heights.
+fn displacement_kind(request: &Request, model: &Model) -> Result<DisplacementKind, InputError> {
+    let builtin = model.builtin.as_ref().filter(|_| request.height == MapArgument::Default);
+    let own = builtin.map_or(DisplacementKind::Height, |builtin| match builtin.sideways {
+        Some(_) => DisplacementKind::Tangent,
+        None => DisplacementKind::Height,
+    });
+    let kind = request.displacement.unwrap_or(own);
+    let is_vector = kind != DisplacementKind::Height;
+    if is_vector && own == DisplacementKind::Height && builtin.is_some() {
+        return Err(InputError::NoVectors { name: model.name.clone() });
+    }
+    let from_file = is_vector && builtin.is_none();
+    match (is_vector && request.invert, from_file || request.channels.is_none()) {
+        (true, _) => Err(InputError::InvertVectors),
+        (_, false) => Err(InputError::ChannelsOfNothing),
+        _ => Ok(kind),
+    }
 }
 
 fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
@@ -178,7 +227,7 @@ fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
     let unknown = || InputError::UnknownBuiltin { name: name.to_owned() };
-    let BuiltinScene { mesh, height, color, zero, scale, subdivisions, view, up, lights } =
+    let BuiltinScene { mesh, height, sideways, color, zero, scale, subdivisions, view, up, lights } =
         builtin::load(name).ok_or_else(unknown)?;
     let light = |light: emboss_kernels::interface::PointLight| Light {
         position: light.position,
@@ -186,7 +235,8 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         intensity: Some(light.intensity),
     };
     let lights = lights.into_iter().map(light).collect();
-    let recommended = Recommended { height, color, zero, scale, subdivisions, view: (view, up), lights };
+    let recommended =
+        Recommended { height, sideways, color, zero, scale, subdivisions, view: (view, up), lights };
     Ok(Model { name: name.to_owned(), mesh, maps: MaterialMaps::default(), builtin: Some(recommended) })
 }
 
@@ -223,6 +273,61 @@ fn color_map(argument: &MapArgument, model: &mut Model) -> Result<Settled<Option
             _ => match existing(model.maps.normal.as_deref()) {
                 Some(path) => load(path, NORMAL_MAP),
                 None => Ok(Settled::new(None, "none", DEFAULT)),
+            },
+        },
+    }
+}
+
+/// The maps, and the texel value of no displacement.
+fn height_maps(
+    request: &Request,
+    kind: DisplacementKind,
+    model: &mut Model,
+) -> Result<(Settled<Maps>, Settled<f32>), InputError> {
+    if kind != DisplacementKind::Height {
+        return vector_map(request, kind, model);
+    }
+    let zero = number(request.zero, model.builtin.as_ref().map(|b| b.zero), || ZERO);
+    let Settled { value, shown, origin } = height_map(request, zero.value, model)?;
+    Ok((Settled { value: vec![(value, 1.0)], shown, origin }, zero))
+}
+
+/// [`height_maps`] of vectors.
+fn vector_map(
+    request: &Request,
+    kind: DisplacementKind,
+    model: &mut Model,
+) -> Result<(Settled<Maps>, Settled<f32>), InputError> {
+    let order = request.channels.unwrap_or(match kind {
+        DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
+        DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
+    });
+    let load = |path: &Path, origin| -> Result<_, InputError> {
+        let map = load_vector_map(path, request.zero)?;
+        let maps = order.axes(kind).map(|(channel, sign)| (map.channels[channel].clone(), sign));
+        let zero = number(request.zero, None, || map.zero);
+        Ok((Settled::new(maps.into(), path.display(), origin), zero))
+    };
+    let none = |origin| {
+        let zero = number(request.zero, None, || 0.0);
+        let flat = (HeightMap::flat(zero.value), 1.0);
+        (Settled::new(vec![flat; 3], "none", origin), zero)
+    };
+    match &request.height {
+        MapArgument::File(path) => load(path, GIVEN),
+        MapArgument::None => Ok(none(GIVEN)),
+        MapArgument::Default => match &mut model.builtin {
+            Some(builtin) => {
+                let normal = std::mem::replace(&mut builtin.height, HeightMap::flat(0.0));
+                // Its own axes; those of a built-in scene without vectors are not asked for.
+                let maps = builtin.sideways.take().into_iter().flatten().chain([normal]);
+                let maps = maps.map(|map| (map, 1.0)).collect();
+                let zero = number(request.zero, Some(builtin.zero), || 0.0);
+                Ok((Settled::new(maps, &model.name, BUILTIN), zero))
+            }
+            None => match existing(model.maps.height.as_deref()) {
+                Some(path) => load(path, MATERIAL),
+                None => Ok(none(DEFAULT)),
             },
         },
     }
@@ -271,8 +376,10 @@ fn existing(path: Option<&Path>) -> Option<&Path> {
 }
 
 /// One line for each thing about a height map that may surprise in the picture.
-fn warn_of_map(height: &Settled<HeightMap>) {
-    let Settled { value: map, shown, .. } = height;
+fn warn_of_map(height: &Settled<Maps>) {
+    let Settled { value: maps, shown, .. } = height;
+    // The channels of a vector map are alike in this.
+    let Some((map, _)) = maps.first() else { return };
     if map.has_steps() {
         tracing::warn!(
             "{shown}: has 8 bits, so that slopes come in 256 steps; a map of 16 bits or floats is smooth"

@@ -2,7 +2,7 @@
 
 use super::inputs::{MapArgument, ModelArgument};
 use crate::picture::{PictureFormat, linear_from_srgb};
-use crate::settings::Light;
+use crate::settings::{ChannelOrder, Light};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use emboss_kernels::interface::{MAX_PRIMITIVES, MAX_SUBDIVISIONS};
 use glam::Vec3;
@@ -60,6 +60,34 @@ pub(super) fn subdivisions_or_default(text: &str) -> Result<OrDefault<u32>, Stri
         let n = text.parse().ok().filter(|n| range.contains(n));
         n.ok_or_else(|| format!("N is a whole number from 1 to {MAX_SUBDIVISIONS}; try 16"))
     })
+}
+
+/// The name of a program whose vector maps are in question, or three channels with their signs.
+pub(super) fn channels(text: &str) -> Result<ChannelOrder, String> {
+    match text {
+        "blender" => return Ok(ChannelOrder::Blender),
+        "mudbox" => return Ok(ChannelOrder::Mudbox),
+        "zbrush" => return Ok(ChannelOrder::Zbrush),
+        _ => {}
+    }
+    let wrong = || {
+        format!(
+            "`{text}` is no order; write blender, mudbox, zbrush, or three different channels such as +r+b-g"
+        )
+    };
+    let [s0, c0, s1, c1, s2, c2] = text.as_bytes() else { return Err(wrong()) };
+    let negative = |sign: u8| match sign {
+        b'+' => Ok(false),
+        b'-' => Ok(true),
+        _ => Err(wrong()),
+    };
+    let channel = |name: u8| b"rgb".iter().position(|&c| c == name).ok_or_else(wrong);
+    let axes =
+        [(channel(*c0)?, negative(*s0)?), (channel(*c1)?, negative(*s1)?), (channel(*c2)?, negative(*s2)?)];
+    if c0 == c1 || c1 == c2 || c2 == c0 {
+        return Err(wrong());
+    }
+    Ok(ChannelOrder::Custom(axes))
 }
 
 /// A number that is neither NaN nor infinite, also not by rounding to `f32`.

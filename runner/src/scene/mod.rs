@@ -7,6 +7,7 @@ mod mesh;
 mod noise;
 pub mod obj;
 pub mod seams;
+mod tangents;
 
 use emboss_kernels::interface::{Triangle, Vertex};
 use std::path::PathBuf;

@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 15;
+pub(super) const MOST_BINDINGS: u32 = 16;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -30,6 +30,7 @@ macro_rules! scene_and {
             SEAM_SIDES,
             COLOR_TEXELS,
             LIGHTS,
+            TANGENTS,
             $($more),*
         ]
     };
@@ -219,12 +220,14 @@ impl Kernel {
                 COUNTERS,
                 NORMALS,
                 SEAMS,
+                DISPLACEMENT,
             ],
-            Kernel::TraceRays => &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS],
-            Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => {
-                &[HEIGHT_FORMAT, HEIGHT_WRAP]
+            Kernel::TraceRays => {
+                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT]
             }
-            Kernel::PrismBounds => &[NORMALS, SEAMS],
+            Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
+            Kernel::PrismBounds => &[NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }

@@ -26,13 +26,14 @@ const SMALLER_SIZE: &str = "use a smaller --size, or --backend cpu";
 const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
-/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`] and [`binding::BOXES`], which live as long as the
-/// scene.
+/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`] and [`binding::TANGENTS`], which
+/// live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last one: the boxes.
+    /// By binding, but for the last two: the boxes and the tangents.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
+    features: Features,
     /// How many entries of the seams' table are read.
     seams: u32,
     tree: TreeState,
@@ -40,7 +41,11 @@ pub(super) struct Resident {
 
 /// Where a binding's buffer stands in [`Resident::buffers`].
 fn place_of(binding: u32) -> usize {
-    if binding == binding::BOXES { binding::COUNTERS as usize + 1 } else { binding as usize }
+    match binding {
+        binding::BOXES => binding::COUNTERS as usize + 1,
+        binding::TANGENTS => binding::COUNTERS as usize + 2,
+        _ => binding as usize,
+    }
 }
 
 /// What one of the buffers holds at first.
@@ -76,6 +81,7 @@ impl Resident {
             buffers,
             frame: *frame,
             displacements: scene.displacements.clone(),
+            features,
             // A buffer holds them.
             seams: u32::try_from(seams).unwrap_or(u32::MAX),
             tree: TreeState::new(device, frame.triangle_count)?,
@@ -127,7 +133,7 @@ impl Resident {
     ) -> Result<(), BackendError> {
         check_displacements(&self.displacements, displacements)?;
         self.displacements.copy_from_slice(displacements);
-        self.frame = with_displacements(&self.frame, displacements);
+        self.frame = with_displacements(&self.frame, displacements, self.features);
         transfers.write(commands, self.buffer(binding::DISPLACEMENTS), cast_slice(displacements))?;
         transfers.write(commands, self.buffer(binding::FRAME), bytes_of(&self.frame))?;
         self.clear_film(commands)
@@ -141,7 +147,7 @@ impl Resident {
         Ok(())
     }
 
-    /// The buffer of a binding up to [`binding::COUNTERS`], or of the boxes.
+    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes or of the tangents.
     pub(super) fn buffer(&self, binding: u32) -> &Buffer {
         &self.buffers[place_of(binding)]
     }
@@ -192,12 +198,12 @@ impl Content<'_> {
     }
 }
 
-/// What each buffer holds, in the order of bindings, the boxes last.
+/// What each buffer holds, in the order of bindings, the boxes and the tangents last.
 fn contents<'a>(
     scene: &'a SceneBuffers,
     frame: &'a Frame,
     features: Features,
-) -> [Content<'a>; binding::COUNTERS as usize + 2] {
+) -> [Content<'a>; binding::COUNTERS as usize + 3] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words(features) };
@@ -220,6 +226,7 @@ fn contents<'a>(
         picture,
         zeros("the counters", SMALLER_SCENE, counter::COUNT as u64, size_of::<Counter>()),
         zeros("the prisms' boxes", SMALLER_MODEL, 6 * triangles, size_of::<f32>()),
+        uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
     ]
 }
 
@@ -260,6 +267,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
 #[cfg(test)]
 mod tests {
     use super::*;
+    use emboss_kernels::interface::Tangent;
 
     #[test]
     fn contents_stand_at_their_bindings() {
@@ -267,6 +275,7 @@ mod tests {
             height_texels: vec![1; 3],
             displacements: vec![Displacement { map_width: 2, map_height: 1, ..Displacement::default() }],
             color_texels: vec![2; 5],
+            tangents: vec![Tangent::default(); 3],
             ..Default::default()
         };
         let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
@@ -279,6 +288,7 @@ mod tests {
         assert_eq!(bytes(binding::NODES), 7 * 32);
         assert_eq!(bytes(binding::PRIMITIVES), 4 * 4);
         assert_eq!(bytes(binding::BOXES), 4 * 24);
+        assert_eq!(bytes(binding::TANGENTS), 3 * 16);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
