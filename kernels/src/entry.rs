@@ -15,7 +15,7 @@ use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
     Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, Material, PointLight, PyramidPart,
-    Ray, SeamSide, Seams, SortPass, Tile, Triangle, Vertex, counter,
+    Ray, SeamSide, Seams, SortPass, Tangent, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
@@ -42,6 +42,7 @@ pub fn render(
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
+    #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -55,12 +56,14 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
     let scene = SceneView {
         frame,
         vertices,
+        tangents,
         triangles,
         nodes,
         primitives,
@@ -85,6 +88,7 @@ pub fn render(
         normals,
         seams: welded,
         smooth,
+        displacement,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -125,6 +129,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
+    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -138,6 +143,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -145,6 +151,7 @@ pub fn trace_rays(
     let scene = SceneView {
         frame,
         vertices,
+        tangents,
         triangles,
         nodes,
         primitives,
@@ -164,6 +171,7 @@ pub fn trace_rays(
         counters: counting,
         normals,
         seams: welded,
+        displacement,
         ..Features::default()
     };
     let mut counts = Counts::default();
@@ -199,6 +207,7 @@ pub fn bound_heights(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &mut [Triangle],
@@ -212,13 +221,15 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { height_format, height_wrap, ..Features::default() };
+        let features = Features { height_format, height_wrap, displacement, ..Features::default() };
         let scene = SceneView {
             frame,
             vertices,
+            tangents,
             triangles: &*triangles,
             nodes,
             primitives,
@@ -245,6 +256,7 @@ pub fn decide_seams(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
+    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -258,13 +270,15 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { height_format, height_wrap, ..Features::default() };
+        let features = Features { height_format, height_wrap, displacement, ..Features::default() };
         let scene = SceneView {
             frame,
             vertices,
+            tangents,
             triangles,
             nodes,
             primitives,
@@ -289,6 +303,7 @@ pub fn prism_bounds(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
+    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -302,14 +317,16 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { normals, seams: welded, ..Features::default() };
+        let features = Features { normals, seams: welded, displacement, ..Features::default() };
         let scene = SceneView {
             frame,
             vertices,
+            tangents,
             triangles,
             nodes,
             primitives,

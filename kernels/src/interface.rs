@@ -87,8 +87,10 @@ pub mod binding {
     pub const TREELET_LISTS: u32 = 36;
     /// `[Material]`, read.
     pub const MATERIALS: u32 = 37;
+    /// `[Tangent]`, one for each vertex where vector displacement is in tangent space, else none; read.
+    pub const TANGENTS: u32 = 38;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 38;
+    pub const COUNT: u32 = 39;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -116,8 +118,10 @@ pub mod spec {
     pub const SEAMS: u32 = 9;
     /// 1 where light is reflected by the displaced surface's own normals, 0 where by those of its micro-triangles.
     pub const SMOOTH: u32 = 10;
+    /// What the height maps' texels displace along: [`displacement_kind`](super::displacement_kind).
+    pub const DISPLACEMENT: u32 = 11;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 11;
+    pub const COUNT: u32 = 12;
 }
 
 /// Values of [`spec::METHOD`].
@@ -140,13 +144,24 @@ pub mod normals {
     pub const LINEAR: u32 = 1;
 }
 
+/// Values of [`spec::DISPLACEMENT`]. A vector map is three scalar ones of one size, one behind the other, an axis
+/// each: a triangle names the first of them.
+pub mod displacement_kind {
+    /// Heights along the interpolated normal.
+    pub const HEIGHT: u32 = 0;
+    /// Vectors in tangent space: along the interpolated tangent, bitangent and normal.
+    pub const TANGENT: u32 = 1;
+    /// Vectors in object space: along x, y and z.
+    pub const OBJECT: u32 = 2;
+}
+
 /// Values of [`spec::SHADE`].
 pub mod shade {
     /// Lambert and ambient light, times the colour map.
     pub const LIT: u32 = 0;
     /// The normal that light is reflected by, [-1, 1] mapped to [0, 1]: see [`spec::SMOOTH`](super::spec::SMOOTH).
     pub const NORMAL: u32 = 1;
-    /// The height, its range mapped to black-white.
+    /// The height, its range mapped to black-white; of vector displacement the length, black where there is none.
     pub const HEIGHT: u32 = 2;
     /// The texture coordinates' fractional parts in red and green.
     pub const UV: u32 = 3;
@@ -260,6 +275,17 @@ pub struct Vertex {
     pub v: f32,
 }
 
+/// The tangent of a vertex: the direction in which its first texture coordinate grows. The bitangent is `sign` times
+/// normal x tangent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Tangent {
+    /// Unit vector.
+    pub direction: Vec3,
+    /// 1, or -1 where the map is mirrored.
+    pub sign: f32,
+}
+
 /// A base triangle. Its vertices are stored in ascending order of index, so that the two triangles at an edge
 /// interpolate along it in the same order of operations and get the same bits; [`FLIPPED`] keeps its orientation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -272,11 +298,11 @@ pub struct Triangle {
     pub flags: u32,
     /// Least height of its own field over it, rounded down:
     /// [`height_bounds`](crate::displacement::height_pyramid::height_bounds), which backends compute. Seams may have
-    /// others.
+    /// others. Of vector displacement minus the greatest length that its components allow.
     pub height_min: f32,
     /// Greatest height, rounded up. Computed with `height_min`.
     pub height_max: f32,
-    /// Index of its [`Displacement`].
+    /// Index of its [`Displacement`], of vector displacement the first of three.
     pub displacement: u32,
     /// Index of its [`Seams`], or [`NO_SEAMS`].
     pub seams: u32,
@@ -290,6 +316,9 @@ pub struct Triangle {
 /// here. An edge is a *seam* where its triangles do not all share its two vertices and the height map: its
 /// micro-vertices are displaced along the directions given here, interpolated, by the mean of the heights that its
 /// different sides read.
+///
+/// Of vector displacement decided corners and seams are displaced by the mean of the vectors that their different sides
+/// give, each along its own axes: directions are not read, and heights are bounds on lengths, as in [`Triangle`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Seams {
@@ -325,6 +354,8 @@ pub struct SeamSide {
     pub end: [f32; 2],
     /// Index of the triangle's [`Displacement`].
     pub displacement: u32,
+    /// The triangle's vertices at both ends, along whose axes vectors are. Heights do not read them.
+    pub vertices: [u32; 2],
 }
 
 /// A node of the binary BVH. Inner nodes have their two children side by side.
@@ -621,7 +652,8 @@ const _: () = {
     assert!(size_of::<Vertex>() == 32);
     assert!(size_of::<Triangle>() == 32);
     assert!(size_of::<Seams>() == 124);
-    assert!(size_of::<SeamSide>() == 20);
+    assert!(size_of::<SeamSide>() == 28);
+    assert!(size_of::<Tangent>() == 16);
     assert!(size_of::<BvhNode>() == 32);
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);

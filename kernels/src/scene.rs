@@ -1,7 +1,7 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
 use crate::interface::{
-    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Triangle, Vertex,
+    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Tangent, Triangle, Vertex,
 };
 
 /// The buffers of a scene, as bound by the backend.
@@ -11,6 +11,8 @@ pub struct SceneView<'a> {
     pub frame: &'a Frame,
     /// Corners of the base mesh.
     pub vertices: &'a [Vertex],
+    /// Their tangents; none unless vector displacement is along them.
+    pub tangents: &'a [Tangent],
     /// Base triangles.
     pub triangles: &'a [Triangle],
     /// The BVH, its root first.
@@ -61,6 +63,8 @@ pub struct Features {
     pub seams: u32,
     /// 1 where light is reflected by the displaced surface's own normals.
     pub smooth: u32,
+    /// See [`displacement_kind`](crate::interface::displacement_kind).
+    pub displacement: u32,
 }
 
 impl Features {
@@ -78,6 +82,7 @@ impl Features {
             self.normals,
             self.seams,
             self.smooth,
+            self.displacement,
         ]
     }
 }

@@ -5,6 +5,7 @@ use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::displacement::vector;
 use crate::hit::Hit;
 use crate::interface::{color_format, method, shade, wrap};
 use crate::math::{at, cross, dot, gamma, next_down, next_up, unit};
@@ -31,8 +32,8 @@ pub struct SurfaceInteraction {
     pub uv: Vec2,
     /// Index of its [`Material`](crate::interface::Material).
     pub material: u32,
-    /// Height that the triangle's own map gives there, in model units (seams may decide another); 0 where nothing is
-    /// displaced.
+    /// Height that the triangle's own map gives there, in model units (seams may decide another), or the vector's length;
+    /// 0 where nothing is displaced.
     pub height: f32,
 }
 
@@ -75,7 +76,7 @@ impl SurfaceInteraction {
             ns,
             uv,
             material: base.material,
-            height: if features.method == method::NONE { 0.0 } else { field.height(&base.map, uv) },
+            height: if features.method == method::NONE { 0.0 } else { height(&field, &base, uv) },
         }
     }
 
@@ -91,6 +92,16 @@ impl SurfaceInteraction {
             round_along(origin.y, offset.y),
             round_along(origin.z, offset.z),
         )
+    }
+}
+
+/// The height that a triangle's own map gives, or the length of the vector.
+#[inline]
+fn height(field: &HeightField<'_>, base: &BaseTriangle, uv: Vec2) -> f32 {
+    if field.is_vector() {
+        vector::components(field, base.displacement, uv).length()
+    } else {
+        field.height(&base.map, uv)
     }
 }
 

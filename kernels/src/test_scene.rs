@@ -1,17 +1,18 @@
 //! Small scenes for unit tests.
 
 use crate::interface::{
-    BvhNode, Camera, Displacement, FLIPPED, Frame, Material, NO_SEAMS, PointLight, SeamSide, Seams, Triangle,
-    Vertex, height_format, method,
+    BvhNode, Camera, Displacement, FLIPPED, Frame, Material, NO_SEAMS, PointLight, SeamSide, Seams, Tangent,
+    Triangle, Vertex, height_format, method,
 };
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
 
 /// The buffers of a scene whose BVH is a single leaf.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct TestScene {
     pub(crate) frame: Frame,
     pub(crate) vertices: Vec<Vertex>,
+    pub(crate) tangents: Vec<Tangent>,
     pub(crate) triangles: Vec<Triangle>,
     pub(crate) nodes: Vec<BvhNode>,
     pub(crate) primitives: Vec<u32>,
@@ -38,6 +39,7 @@ pub(crate) const FLAT: Features = Features {
     normals: 0,
     seams: 0,
     smooth: 0,
+    displacement: 0,
 };
 
 impl TestScene {
@@ -102,6 +104,7 @@ impl TestScene {
         SceneView {
             frame: &self.frame,
             vertices: &self.vertices,
+            tangents: &self.tangents,
             triangles: &self.triangles,
             nodes: &self.nodes,
             primitives: &self.primitives,

@@ -17,7 +17,7 @@ use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
 use crate::scene::scene_file::SceneFile;
-use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{ChannelOrder, DisplacementKind, Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
@@ -60,18 +60,20 @@ enum Command {
 /// stands in for them is printed.
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
-    /// OBJ file, scene file (.toml, see docs/SCENE.md), or builtin:knot, builtin:cube, builtin:quilt [default:
+    /// OBJ file, scene file (.toml, see docs/SCENE.md), or builtin:knot, builtin:cube, builtin:quilt,
+    /// builtin:mushroom [default:
     /// builtin:knot]
     #[arg(value_parser = values::model())]
     model: Option<ModelArgument>,
     /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, else none]
     #[arg(value_parser = values::map())]
     color: Option<MapArgument>,
-    /// Height map, or none; colour images count by their luminance [default: the built-in's, or the disp, map_disp
-    /// or bump of the OBJ's materials, else none]
+    /// Height map, or none; colour images count by their luminance. With --displacement a vector map [default: the
+    /// built-in's, or the disp, map_disp or bump of the OBJ's materials, else none]
     #[arg(value_parser = values::map())]
     height: Option<MapArgument>,
-    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5]
+    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5; of a vector
+    /// map of floats 0]
     #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
     zero: Option<values::OrDefault<f32>>,
     /// Height from black to white, in model units, may be negative [default: the built-in's, else 5 % of the
@@ -140,6 +142,14 @@ struct RenderArgs {
     /// Lights cast no shadows
     #[arg(long)]
     no_shadows: bool,
+    /// What the height map's texels displace along: heights, or vectors in tangent or in object space [default: the
+    /// built-in's, else height]
+    #[arg(long, value_enum, value_name = "KIND")]
+    displacement: Option<DisplacementKind>,
+    /// Which channels of a vector map are along tangent, bitangent and normal, or along x, y and z: blender, mudbox,
+    /// zbrush, or three of them with their signs, as +r+b-g [default: blender; in object space +r+g+b]
+    #[arg(long, value_name = "ORDER", allow_hyphen_values = true)]
+    channels: Option<ChannelOrder>,
     /// How all maps are read outside [0,1) [default: as their materials say, else repeat]
     #[arg(long, value_enum)]
     wrap: Option<Wrap>,
@@ -212,9 +222,13 @@ impl CliError {
             | CliError::StatsOverPicture(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
             | CliError::Input(
-                InputError::UnknownBuiltin { .. } | InputError::Scene(SceneError::SceneFile { .. }),
+                InputError::UnknownBuiltin { .. }
+                | InputError::NoVectors { .. }
+                | InputError::InvertVectors
+                | InputError::ChannelsOfNothing
+                | InputError::Scene(SceneError::SceneFile { .. }),
             )
-            | CliError::Render(RenderError::Framing(_)) => 2,
+            | CliError::Render(RenderError::Framing(_) | RenderError::WalkOfVectors) => 2,
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
             CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
             _ => 1,
@@ -420,6 +434,7 @@ impl RenderArgs {
             width,
             height,
             method: self.method.unwrap_or(base.method),
+            displacement: self.displacement.unwrap_or(base.displacement),
             normals: self.normals.unwrap_or(base.normals),
             weld: self.weld.unwrap_or(base.weld),
             shade: self.shade.unwrap_or(base.shade),
@@ -459,7 +474,10 @@ impl RenderArgs {
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
             wrap: self.wrap,
+            displacement: self.displacement,
+            channels: self.channels,
         })?;
+        settings.displacement = inputs.displacement;
         if let Some((from, up)) = inputs.view {
             (settings.view.from, settings.view.usual_up) = (from, up);
         }

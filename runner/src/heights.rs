@@ -7,7 +7,9 @@ use crate::settings::Wrap;
 use emboss_kernels::displacement::height_pyramid::{
     Pyramid, level_offset, level_words, pyramid_words, top_level,
 };
-use emboss_kernels::interface::{Displacement, height_format, wrap};
+use emboss_kernels::interface::{Displacement, displacement_kind, height_format, wrap};
+use emboss_kernels::scene::Features;
+use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -105,8 +107,15 @@ pub fn build_pyramids(displacements: &[Displacement], texels: &[u32], ranges: &m
     }
 }
 
-/// Least and greatest height of all maps; of none an infinite range, the wrong way round.
-pub fn range(displacements: &[Displacement]) -> (f32, f32) {
+/// Least and greatest height of all maps; of none an infinite range, the wrong way round. Of vector displacement 0 and the
+/// greatest length.
+pub fn range(displacements: &[Displacement], features: Features) -> (f32, f32) {
+    if features.displacement != displacement_kind::HEIGHT {
+        let greatest = |map: &Displacement| map.height_min.abs().max(map.height_max.abs());
+        let length =
+            |maps: &[Displacement]| Vec3::from_slice(&maps.iter().map(greatest).collect::<Vec<_>>()).length();
+        return (0.0, displacements.chunks_exact(3).map(length).fold(0.0, f32::max));
+    }
     displacements.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), map| {
         (low.min(map.height_min), high.max(map.height_max))
     })

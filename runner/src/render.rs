@@ -9,7 +9,7 @@ use crate::heights::{self, Heights};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
-use crate::settings::{Light, Method, Settings, Weld};
+use crate::settings::{DisplacementKind, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{FilmPixel, Frame, PointLight};
 use emboss_kernels::scene::Features;
@@ -22,7 +22,8 @@ use std::time::{Duration, Instant};
 pub struct Scene {
     /// The base mesh.
     pub mesh: Mesh,
-    /// Its height maps, at least one; triangles name theirs in [`Triangle::displacement`].
+    /// Its height maps, at least one (of vectors three for each: see [`Settings::displacement`]); triangles name theirs in
+    /// [`Triangle::displacement`].
     ///
     /// [`Triangle::displacement`]: emboss_kernels::interface::Triangle::displacement
     pub reliefs: Vec<Relief>,
@@ -130,6 +131,11 @@ pub enum RenderError {
         /// Words of 32 bits.
         words: u64,
     },
+    /// The grid walk takes heights alone.
+    #[error(
+        "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
+    )]
+    WalkOfVectors,
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -161,12 +167,20 @@ fn available_memory() -> Option<u64> {
     kib.checked_mul(1024)
 }
 
-/// Makes a scene ready to be [loaded](load): finds its seams and packs its maps.
+/// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs its
+/// maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, subdivisions } = scene;
+    if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
+        return Err(RenderError::WalkOfVectors);
+    }
     check_texels(&reliefs)?;
+    let tangents = match settings.displacement {
+        DisplacementKind::Tangent => mesh.split_by_tangents(),
+        DisplacementKind::Height | DisplacementKind::Object => Vec::new(),
+    };
     let seams = match settings.weld {
-        Weld::On => SeamTable::find(&mut mesh),
+        Weld::On => SeamTable::find(&mut mesh, settings.displacement),
         Weld::Off => SeamTable::default(),
     };
     let heights = Heights::pack(reliefs, settings.method != Method::None, settings.wrap)?;
@@ -183,8 +197,9 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
         smooth: u32::from(settings.smooth),
+        displacement: settings.displacement.id(),
     };
-    let (height_min, height_max) = heights::range(&heights.displacements);
+    let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {
         width: settings.width,
         height: settings.height,
@@ -201,6 +216,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     };
     let buffers = SceneBuffers {
         vertices: mesh.vertices,
+        tangents,
         triangles: mesh.triangles,
         displacements: heights.displacements,
         height_texels: heights.texels,

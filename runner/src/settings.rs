@@ -1,8 +1,9 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{method, normals, shade, wrap};
+use emboss_kernels::interface::{displacement_kind, method, normals, shade, wrap};
 use glam::Vec3;
+use std::str::FromStr;
 
 /// How displaced triangles are intersected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
@@ -38,6 +39,104 @@ impl Method {
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
             Method::None => 64,
         }
+    }
+}
+
+/// What the texels of height maps displace along.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DisplacementKind {
+    /// Heights, along the normal
+    Height,
+    /// Vectors, along tangent, bitangent and normal (those of MikkTSpace)
+    Tangent,
+    /// Vectors, along the model's x, y and z
+    Object,
+}
+
+impl DisplacementKind {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            DisplacementKind::Height => displacement_kind::HEIGHT,
+            DisplacementKind::Tangent => displacement_kind::TANGENT,
+            DisplacementKind::Object => displacement_kind::OBJECT,
+        }
+    }
+}
+
+/// Which channels of a vector map are along which axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(try_from = "String")]
+pub enum ChannelOrder {
+    /// As Blender writes and reads them.
+    Blender,
+    /// As Mudbox writes them.
+    Mudbox,
+    /// As ZBrush writes them with its `TangentFlipAndSwitch` (or `FlipAndSwitch`) at 25.
+    Zbrush,
+    /// The channel (0 to 2) of each axis, and whether it is turned round.
+    Custom([(usize, bool); 3]),
+}
+
+impl ChannelOrder {
+    /// Channels for tangent, bitangent and normal, or for x, y and z, each with the sign that it takes.
+    ///
+    /// In tangent space the three programs agree: red along the tangent, green along the normal, blue along the bitangent. Blender's
+    /// manual says so of its Vector Displacement node, Maya's of the maps of Mudbox (with *Absolute Tangent*); of ZBrush it is what
+    /// importers take 25 for, the setting that is advised for Maya. (It has 48.) In object space they are x, y and z, where
+    /// Blender's z is up: the OBJ files that it writes have its z as y, and its y as -z, unless told otherwise.
+    pub fn axes(self, kind: DisplacementKind) -> [(usize, f32); 3] {
+        let sign = |(channel, negative)| (channel, if negative { -1.0 } else { 1.0 });
+        match (self, kind) {
+            (ChannelOrder::Custom(axes), _) => axes.map(sign),
+            (ChannelOrder::Blender, DisplacementKind::Object) => [(0, 1.0), (2, 1.0), (1, -1.0)],
+            (_, DisplacementKind::Object) => [(0, 1.0), (1, 1.0), (2, 1.0)],
+            _ => [(0, 1.0), (2, 1.0), (1, 1.0)],
+        }
+    }
+}
+
+/// Reads `blender`, `mudbox`, `zbrush`, or three different channels with their signs such as `+r+b-g`.
+impl FromStr for ChannelOrder {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<ChannelOrder, String> {
+        match text {
+            "blender" => return Ok(ChannelOrder::Blender),
+            "mudbox" => return Ok(ChannelOrder::Mudbox),
+            "zbrush" => return Ok(ChannelOrder::Zbrush),
+            _ => {}
+        }
+        let wrong = || {
+            format!(
+                "`{text}` is no order; write blender, mudbox, zbrush, or three different channels such as +r+b-g"
+            )
+        };
+        let [s0, c0, s1, c1, s2, c2] = text.as_bytes() else { return Err(wrong()) };
+        let negative = |sign: u8| match sign {
+            b'+' => Ok(false),
+            b'-' => Ok(true),
+            _ => Err(wrong()),
+        };
+        let channel = |name: u8| b"rgb".iter().position(|&c| c == name).ok_or_else(wrong);
+        let axes = [
+            (channel(*c0)?, negative(*s0)?),
+            (channel(*c1)?, negative(*s1)?),
+            (channel(*c2)?, negative(*s2)?),
+        ];
+        if c0 == c1 || c1 == c2 || c2 == c0 {
+            return Err(wrong());
+        }
+        Ok(ChannelOrder::Custom(axes))
+    }
+}
+
+impl TryFrom<String> for ChannelOrder {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<ChannelOrder, String> {
+        text.parse()
     }
 }
 
@@ -79,7 +178,7 @@ pub enum Shade {
     Lit,
     /// The normal that light is reflected by, from -1 to 1 mapped to black to white
     Normal,
-    /// The height, its range mapped to black-white
+    /// The height, its range mapped to black-white; of vectors the length
     Height,
     /// Texture coordinates in red and green
     Uv,
@@ -146,6 +245,11 @@ pub struct Settings {
     pub height: u32,
     /// How displaced triangles are intersected.
     pub method: Method,
+    /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis each
+    /// (tangent, bitangent, normal; x, y, z), and triangles name the first.
+    ///
+    /// [`Scene::reliefs`]: crate::render::Scene::reliefs
+    pub displacement: DisplacementKind,
     /// Along which direction heights are measured.
     pub normals: Normals,
     /// Whether neighbours that disagree at an edge or a vertex meet without a crack.
@@ -186,6 +290,7 @@ impl Default for Settings {
             width: 960,
             height: 720,
             method: Method::Quadtree,
+            displacement: DisplacementKind::Height,
             normals: Normals::Normalized,
             weld: Weld::On,
             shade: Shade::Lit,

@@ -2,7 +2,7 @@
 
 use crate::backend::{BuildReport, DeviceInfo};
 use crate::render::{Job, Rendering, Scene};
-use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{DisplacementKind, Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
 use std::io;
@@ -45,7 +45,7 @@ pub struct Stats {
 /// Bytes of each kind of data.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bytes {
-    /// Corners of the base mesh.
+    /// Corners of the base mesh, and their tangents.
     pub vertices: u64,
     /// Base triangles.
     pub triangles: u64,
@@ -114,6 +114,8 @@ pub struct SettingsUsed {
     pub seed: u32,
     /// How displaced triangles were intersected.
     pub method: Method,
+    /// What texels displaced along.
+    pub displacement: DisplacementKind,
     /// Along which direction heights are measured.
     pub normals: Normals,
     /// Whether neighbours that disagree meet without a crack.
@@ -142,6 +144,7 @@ impl SettingsUsed {
             samples,
             seed: settings.seed,
             method: settings.method,
+            displacement: settings.displacement,
             normals: settings.normals,
             weld: settings.weld,
             shade: settings.shade,
@@ -225,7 +228,7 @@ impl Bytes {
     fn new(job: &Job, build: BuildReport) -> Bytes {
         let buffers = &job.buffers;
         Bytes {
-            vertices: bytes(&buffers.vertices),
+            vertices: bytes(&buffers.vertices) + bytes(&buffers.tangents),
             triangles: bytes(&buffers.triangles),
             nodes: u64::from(build.nodes) * size_of::<BvhNode>() as u64,
             primitives: u64::from(job.frame.triangle_count) * size_of::<u32>() as u64,

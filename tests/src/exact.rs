@@ -83,7 +83,8 @@ pub struct Tallies {
 impl Tallies {
     /// Asserts that the rays were a test: of random ones at least two in five hit, more than half have no choice, and
     /// nearly all hits are sure to be hits of something. The floors lie below the least that was measured: clear are 3/4
-    /// on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, sure of the aimed ones 0.27 on the quilt at N = 1.
+    /// on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, sure of the aimed ones 0.27 on the quilt at N = 1, and of
+    /// random hits 0.99 on the knot under random vectors, which fold it so that there are outlines everywhere.
     ///
     /// # Panics
     /// Where they were not.
@@ -91,7 +92,7 @@ impl Tallies {
         let Tallies { random, aimed, leaving } = self;
         assert!(5 * random.hits > 2 * random.rays, "too few hits: {self:?}");
         assert!(2 * random.clear > random.rays, "too many close calls: {self:?}");
-        assert!(100 * random.must_hit > 99 * random.hits, "too few hits that are sure: {self:?}");
+        assert!(100 * random.must_hit > 98 * random.hits, "too few hits that are sure: {self:?}");
         assert!(1000 * random.same > 998 * random.hits, "too many other micro-triangles: {self:?}");
         // A sheet's edges are a border that rays may miss.
         assert!(5 * aimed.must_hit > aimed.rays, "too few hits that are sure: {self:?}");

@@ -5,7 +5,7 @@
 //! it stores, its own tree of boxes around them, its own ray/triangle test in the plane across the ray. It does not look
 //! at what the host worked out of these: bounds on heights, pyramids, tables of seams, the BVH.
 //!
-//! With [`Features::seams`] set, triangles whose vertices stand at the same places share the micro-vertices there,
+//! Tangents of vertices are the host's, as their normals are. With [`Features::seams`] set, triangles whose vertices stand at the same places share the micro-vertices there,
 //! whatever else they disagree on; without, where they do not share vertices and map, an edge is a border of both.
 //!
 //! # When f32 may differ
@@ -28,6 +28,7 @@ mod relief;
 mod rounding;
 mod tessellation;
 mod tree;
+mod vectors;
 mod verdict;
 mod welding;
 

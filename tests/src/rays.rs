@@ -5,7 +5,7 @@ use crate::scenes::ReadyJob;
 use emboss_kernels::barycentric::interpolate;
 use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
-use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex};
+use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex, displacement_kind};
 use emboss_kernels::scene::SceneView;
 use emboss_kernels::shading::SurfaceInteraction;
 use glam::{DVec3, Vec2, Vec3};
@@ -61,7 +61,10 @@ impl<'a> RaySource<'a> {
         let j = self.numbers.below(n + 1);
         let k = self.numbers.below(n + 1 - j);
         let w = Vec3::new((n - j - k) as f32, j as f32, k as f32) / n as f32;
-        let (p, normal) = self.base(primitive, w);
+        let (mut p, normal) = self.base(primitive, w);
+        if self.job.features.displacement != displacement_kind::HEIGHT {
+            p = self.micro_vertex(primitive, j, k);
+        }
         let side = if self.numbers.unit() < 0.5 { self.radius } else { -self.radius };
         ray(p + normal * side, normal * -side.signum())
     }
@@ -105,10 +108,41 @@ impl<'a> RaySource<'a> {
     }
 
     fn point(&mut self, primitive: u32, w: Vec3) -> Vec3 {
-        let (p, normal) = self.base(primitive, w);
         let displacement = &self.job.frame;
         let range = displacement.height_max - displacement.height_min;
+        if self.job.features.displacement != displacement_kind::HEIGHT {
+            // Vectors displace anywhere.
+            return self.on_surface(primitive, w) + self.numbers.in_cube() * (0.05 * range);
+        }
+        let (p, normal) = self.base(primitive, w);
         p + normal * (displacement.height_min + range * self.numbers.between(-0.1, 1.1))
+    }
+
+    /// The point of the surface over barycentric coordinates `w`.
+    fn on_surface(&self, primitive: u32, w: Vec3) -> Vec3 {
+        let n = self.job.frame.subdivisions;
+        let scaled = w * n as f32;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and N - 1")]
+        let (j, k) = {
+            let j = (scaled.y as u32).min(n - 1);
+            (j, (scaled.z as u32).min(n - 1 - j))
+        };
+        let (s, t) = (scaled.y - j as f32, scaled.z - k as f32);
+        let upper = s + t > 1.0 && j + k + 2 <= n;
+        let cell = Cell { j, k, upper };
+        let points = [0, 1, 2].map(|e| {
+            let (j, k) = cell.vertex(e);
+            self.micro_vertex(primitive, j, k)
+        });
+        let weights =
+            if upper { Vec3::new(s + t - 1.0, 1.0 - s, 1.0 - t) } else { Vec3::new(1.0 - s - t, s, t) };
+        points[0] * weights.x + points[1] * weights.y + points[2] * weights.z
+    }
+
+    fn micro_vertex(&self, primitive: u32, j: u32, k: u32) -> Vec3 {
+        let view = self.job.view();
+        let field = HeightField::new(&view, self.job.features);
+        BaseTriangle::load(&view, primitive).micro_vertex(&field, j, k)
     }
 
     /// Point and unit normal of the base mesh.
@@ -212,6 +246,10 @@ impl<'a> LeakRays<'a> {
         }
         let (start, direction) = (mixed([base.p0, base.p1, base.p2]), mixed(directions));
         let displaced = position.as_dvec3() - start;
+        if self.field.is_vector() {
+            // Along no line that is known beforehand.
+            return BorderVertex { position, exact: position.as_dvec3() };
+        }
         BorderVertex {
             position,
             exact: start + displaced.project_onto_normalized(direction.normalize_or_zero()),

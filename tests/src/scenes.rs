@@ -6,7 +6,7 @@ use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
-use emboss::settings::{Light, Settings, Wrap};
+use emboss::settings::{DisplacementKind, Light, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{PointLight, Vertex, height_format};
 use emboss_kernels::scene::SceneView;
@@ -34,6 +34,40 @@ pub fn builtin(name: &str) -> Scene {
         subdivisions,
     }
 }
+
+/// `builtin:mushroom` without its colours, subdivided N times: its vector map's three reliefs.
+///
+/// # Panics
+/// Never: there is such a scene.
+pub fn mushroom(subdivisions: u32) -> Scene {
+    let builtin = builtin::load("builtin:mushroom").expect("a built-in scene");
+    let maps = builtin.sideways.expect("its map is of vectors").into_iter().chain([builtin.height]);
+    let reliefs = maps.map(|map| Relief::new(map, builtin.zero, builtin.scale)).collect();
+    Scene { mesh: builtin.mesh, reliefs, materials: vec![Material::default()], subdivisions }
+}
+
+/// The scene with vector maps for its height maps: two more of random texels to each, of its size and format, and of the same
+/// zero and scale.
+pub fn with_vectors(mut scene: Scene, numbers: &mut Numbers) -> Scene {
+    let reliefs = std::mem::take(&mut scene.reliefs);
+    for relief in reliefs {
+        let sideways = [(); 2].map(|()| {
+            let texels = relief.map.texels.iter().map(|_| match relief.map.format {
+                height_format::FLOAT32 => numbers.unit().to_bits(),
+                _ => numbers.word(),
+            });
+            let map = HeightMap { texels: texels.collect(), range: (0.0, 1.0), ..*relief.map };
+            Relief { map: map.into(), ..relief.clone() }
+        });
+        scene.reliefs.extend(sideways);
+        scene.reliefs.push(relief);
+    }
+    scene.mesh.triangles.iter_mut().for_each(|triangle| triangle.displacement *= 3);
+    scene
+}
+
+/// Both kinds of vector displacement.
+pub const VECTORS: [DisplacementKind; 2] = [DisplacementKind::Tangent, DisplacementKind::Object];
 
 /// Built-in scene `name` in its colours with N = `subdivisions`, and the settings that show it as the command line
 /// does, `width` by `height` pixels large.

@@ -5,14 +5,14 @@ use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
 use emboss::scene::Mesh;
-use emboss::settings::{Normals, Settings, Weld, Wrap};
+use emboss::settings::{DisplacementKind, Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::Features;
 use emboss_tests::oracle::Oracle;
-use emboss_tests::scenes::{ReadyJob, job, random_solid};
+use emboss_tests::scenes::{ReadyJob, VECTORS, job, random_solid, with_vectors};
 use emboss_tests::{HardRays, Hardship, Numbers};
 use glam::Vec3;
 
@@ -79,19 +79,32 @@ fn spoil(mesh: &mut Mesh, fault: Fault) {
     }
 }
 
+/// How a scene is displaced.
+#[derive(Clone, Copy, Debug)]
+struct How {
+    displacement: DisplacementKind,
+    height: f32,
+    normals: Normals,
+    wrap: Wrap,
+}
+
 /// A small random scene with a fault.
-fn spoilt(numbers: &mut Numbers, fault: Fault, height: f32, normals: Normals, wrap: Wrap) -> ReadyJob {
+fn spoilt(numbers: &mut Numbers, fault: Fault, how: How) -> ReadyJob {
+    let How { displacement, height, normals, wrap } = how;
     let formats = [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32];
     let format = formats[numbers.below(3) as usize];
     let spread = [0.0, 0.1, 0.5, 1.0][numbers.below(4) as usize];
     let mut scene = random_solid(numbers, format, spread);
     let [a, b, _] = scene.mesh.triangles[0].vertices.map(|v| scene.mesh.vertices[v as usize].position);
     scene.reliefs[0].scale = height * a.distance(b);
+    if displacement != DisplacementKind::Height {
+        scene = with_vectors(scene, numbers);
+    }
     spoil(&mut scene.mesh, fault);
     // Two corners at a place are no edge, so there is no seam to be found either.
     let weld = if fault == Fault::Coincident { Weld::Off } else { Weld::On };
     let subdivisions = [1, 2, 3, 5, 8, 13][numbers.below(6) as usize];
-    let settings = Settings { normals, wrap, weld, width: 1, height: 1, ..Settings::default() };
+    let settings = Settings { displacement, normals, wrap, weld, width: 1, height: 1, ..Settings::default() };
     job(Scene { subdivisions, ..scene }, &settings)
 }
 
@@ -124,6 +137,11 @@ fn assert_same(job: &ReadyJob, rays: &[Ray], what: &str) -> Vec<Intersection> {
 
 /// Every hardship on every fault at every height, both directions.
 fn compare(hardship: Hardship, rounds: usize) {
+    compare_under(DisplacementKind::Height, hardship, rounds);
+}
+
+/// The same for a kind of displacement.
+fn compare_under(displacement: DisplacementKind, hardship: Hardship, rounds: usize) {
     let (mut rays, mut hits) = (0, 0);
     for round in 0..rounds {
         for (seed, fault) in (round as u64 * 100..).zip(FAULTS) {
@@ -131,10 +149,11 @@ fn compare(hardship: Hardship, rounds: usize) {
                 let mut numbers = Numbers::new(seed);
                 let normals = [Normals::Normalized, Normals::Linear][round % 2];
                 let wrap = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror][round % 3];
-                let job = spoilt(&mut numbers, fault, height, normals, wrap);
+                let how = How { displacement, height, normals, wrap };
+                let job = spoilt(&mut numbers, fault, how);
                 let mut source = HardRays::new(&job, numbers.bits());
                 let batch: Vec<Ray> = (0..40).map(|_| source.ray(hardship)).collect();
-                let what = format!("{hardship:?}, {fault:?}, height {height}, {normals:?}, seed {seed}");
+                let what = format!("{hardship:?}, {fault:?}, {how:?}, seed {seed}");
                 let found = assert_same(&job, &batch, &what);
                 rays += batch.len();
                 hits += found.iter().filter(|hit| hit.primitive != MISS).count();
@@ -196,15 +215,34 @@ fn along_axes_and_nearly_so() {
     compare(Hardship::Axis, ROUNDS);
 }
 
+/// Every hardship, in tangent and in object space.
+#[test]
+fn vectors() {
+    for displacement in VECTORS {
+        for hardship in Hardship::ALL {
+            compare_under(displacement, hardship, 6);
+        }
+    }
+}
+
 /// Meshes as files give them, with every kind of ray, judged by the surface in f64.
 #[test]
 fn hard_rays_meet_what_is_there_in_f64() {
+    for (displacement, seeds) in
+        [(DisplacementKind::Height, 60), (DisplacementKind::Tangent, 20), (DisplacementKind::Object, 20)]
+    {
+        judge_hard_rays(displacement, seeds);
+    }
+}
+
+fn judge_hard_rays(displacement: DisplacementKind, seeds: u64) {
     let (mut rays, mut sure) = (0, 0);
-    for seed in 0..60 {
+    for seed in 0..seeds {
         for fault in [Fault::None, Fault::SamePlaceOnMap, Fault::LineOnMap, Fault::OppositeNormals] {
             for height in [0.0, 1e-7, 0.3] {
                 let mut numbers = Numbers::new(seed);
-                let job = spoilt(&mut numbers, fault, height, Normals::Normalized, Wrap::Repeat);
+                let (normals, wrap) = (Normals::Normalized, Wrap::Repeat);
+                let job = spoilt(&mut numbers, fault, How { displacement, height, normals, wrap });
                 let oracle = Oracle::new(&job.buffers, &job.frame, job.features);
                 let mut source = HardRays::new(&job, seed);
                 let batch: Vec<Ray> =

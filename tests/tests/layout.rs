@@ -8,8 +8,8 @@ use emboss_kernels::bvh::scan::GROUP_SIZE;
 use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame,
-    Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE, Tile,
-    Triangle, Vertex, binding, spec,
+    Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE,
+    Tangent, Tile, Triangle, Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -110,7 +110,8 @@ shared! {
     Seams {
         directions, heights, flags, first_side, side_count, height_min, height_max, first_reading, reading_count
     }
-    SeamSide { start, end, displacement }
+    SeamSide { start, end, displacement, vertices }
+    Tangent { direction, sign }
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
     Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }
@@ -188,6 +189,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         // Floats, which the kernel writes as words.
         (binding::COSTS, u32::many()),
         (binding::MATERIALS, Material::many()),
+        (binding::TANGENTS, Tangent::many()),
     ]
 }
 

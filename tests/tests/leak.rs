@@ -10,11 +10,11 @@ use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
 use emboss::scene::{Material, Relief};
-use emboss::settings::{Normals, Settings, Weld, Wrap};
+use emboss::settings::{DisplacementKind, Normals, Settings, Weld, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_tests::long::{self, Cases};
 use emboss_tests::meshes::{self, Placed, Solid, euler_characteristic, winding_number};
-use emboss_tests::scenes::{ReadyJob, WildMap, job};
+use emboss_tests::scenes::{self, ReadyJob, WildMap, job};
 use emboss_tests::{LeakRays, Numbers};
 
 const SCALES: [f64; 3] = [1e-6, 1.0, 1e6];
@@ -34,6 +34,7 @@ struct Displaced {
     map: WildMap,
     /// Of every second triangle, where that is another.
     second: Option<WildMap>,
+    displacement: DisplacementKind,
     /// 0: outwards. 1: inwards.
     zero: f32,
     normals: Normals,
@@ -46,16 +47,19 @@ struct Displaced {
 fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob {
     let mut mesh = placed.mesh.clone();
     let share = if how.subdivisions < 1000 { RELIEF } else { FINE_RELIEF };
+    // A vector's three components together are as long as a height.
+    let components = if how.displacement == DisplacementKind::Height { 1_u8 } else { 3 };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
-    let scale = (share * placed.room) as f32;
+    let scale = (share * placed.room / f64::from(components).sqrt()) as f32;
     let relief = |map: WildMap, numbers: &mut Numbers| Relief::new(map.map(numbers), how.zero, scale);
-    let mut reliefs = vec![relief(how.map, numbers)];
+    let mut reliefs: Vec<Relief> = (0..components).map(|_| relief(how.map, numbers)).collect();
     if let Some(second) = how.second {
-        reliefs.push(relief(second, numbers));
-        mesh.triangles.iter_mut().skip(1).step_by(2).for_each(|triangle| triangle.displacement = 1);
+        reliefs.extend((0..components).map(|_| relief(second, numbers)));
+        let others = mesh.triangles.iter_mut().skip(1).step_by(2);
+        others.for_each(|triangle| triangle.displacement = u32::from(components));
     }
-    let Displaced { normals, weld, wrap, subdivisions, .. } = how;
-    let settings = Settings { normals, weld, wrap, width: 1, height: 1, ..Settings::default() };
+    let Displaced { displacement, normals, weld, wrap, subdivisions, .. } = how;
+    let settings = Settings { displacement, normals, weld, wrap, width: 1, height: 1, ..Settings::default() };
     job(Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions }, &settings)
 }
 
@@ -99,6 +103,11 @@ const TESTS: usize = 3;
 
 /// At least `rays` rays through a solid at every scale and place, for every N, both directions, all maps and wraps.
 fn assert_closed(solid: &Solid, seed: u64, second_map: bool, rays: usize) {
+    assert_closed_under(&[DisplacementKind::Height], solid, seed, second_map, rays);
+}
+
+/// The same for several kinds of displacement, by turns.
+fn assert_closed_under(kinds: &[DisplacementKind], solid: &Solid, seed: u64, second_map: bool, rays: usize) {
     let each = (rays + rays / 2).div_ceil(1000 * SCALES.len() * OFFSETS.len() * NORMALS.len());
     let mut cases = Cases::new();
     // Maps, wraps and signs go round at lengths of 5, 3 and 2, which have no factor in common, along with the rest.
@@ -112,6 +121,7 @@ fn assert_closed(solid: &Solid, seed: u64, second_map: bool, rays: usize) {
                     let how = Displaced {
                         map: WildMap::ALL[turn % 5],
                         second: second_map.then_some(WildMap::ALL[(turn + 1 + turn / 5 % 3) % 5]),
+                        displacement: kinds[turn % kinds.len()],
                         zero: [0.0, 1.0][turn / 5 % 2],
                         normals,
                         weld: Weld::On,
@@ -145,6 +155,7 @@ fn cube_is_closed_far_away_at_the_greatest_n() {
     let how = Displaced {
         map: WildMap::Noise,
         second: None,
+        displacement: DisplacementKind::Height,
         zero: 0.0,
         normals: Normals::Normalized,
         weld: Weld::On,
@@ -156,11 +167,17 @@ fn cube_is_closed_far_away_at_the_greatest_n() {
 
 /// Asserts that the same rays leak where edges are not decided: that they find cracks.
 fn assert_cracked(solid: &Solid, second_map: bool) {
+    assert_cracked_under(DisplacementKind::Height, solid, second_map);
+}
+
+/// The same for a kind of displacement.
+fn assert_cracked_under(displacement: DisplacementKind, solid: &Solid, second_map: bool) {
     let placed = solid.placed(1.0, 0.0);
     for normals in NORMALS {
         let how = Displaced {
             map: WildMap::Noise,
             second: second_map.then_some(WildMap::Odd),
+            displacement,
             zero: 0.0,
             normals,
             weld: Weld::Off,
@@ -205,4 +222,17 @@ fn sphere_of_two_maps_is_closed() {
     let solid = meshes::icosphere(1);
     assert_cracked(&solid, true);
     assert_closed(&solid, 5, true, rays_a_solid());
+}
+
+/// Three solids under vectors in tangent and in object space, of which one has two maps.
+#[test]
+fn solids_that_vectors_displace_are_closed() {
+    let solids = [(meshes::cube(), false), (meshes::icosphere(1), true), (meshes::knot(), false)];
+    for ((solid, second_map), seed) in solids.into_iter().zip(11..) {
+        for kind in scenes::VECTORS {
+            assert_cracked_under(kind, &solid, second_map);
+        }
+        // Their nodes are dearer than those of heights.
+        assert_closed_under(&scenes::VECTORS, &solid, seed, second_map, rays_a_solid() / 10);
+    }
 }

@@ -3,7 +3,8 @@
 use emboss::backend::vulkan::{Selection, VulkanBackend, devices};
 use emboss::backend::{Backend, BackendError, DeviceInfo, DeviceKind, SceneBuffers};
 use emboss_kernels::interface::{
-    Camera, Displacement, Frame, MISS, Material, PointLight, Ray, SeamSide, Seams, Triangle, Vertex, counter,
+    Camera, Displacement, Frame, MISS, Material, PointLight, Ray, SeamSide, Seams, Tangent, Triangle, Vertex,
+    counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE, PCG4D};
 use emboss_kernels::sampler::pcg4d;
@@ -171,6 +172,7 @@ fn scene_with_every_buffer_loads() {
         color_texels: vec![0; 1024],
         materials: vec![Material::default()],
         lights: vec![PointLight::default()],
+        tangents: vec![Tangent::default(); 3],
     };
     // `triangle_count` stays 0, so that nothing of this is read.
     backend.load(&scene, &frame(16, 16), Features::default()).unwrap();

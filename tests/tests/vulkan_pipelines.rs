@@ -2,7 +2,9 @@
 //! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
 //! out what cannot be reached.
 
-use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade, wrap};
+use emboss_kernels::interface::{
+    binding, color_format, displacement_kind, height_format, method, normals, shade, wrap,
+};
 use emboss_kernels::scene::Features;
 use rspirv::dr::Operand;
 use rspirv::spirv::{Decoration, Word};
@@ -24,6 +26,7 @@ const ALL: Features = Features {
     normals: normals::NORMALIZED,
     seams: 1,
     smooth: 1,
+    displacement: displacement_kind::HEIGHT,
 };
 
 /// What is left of an entry point.

@@ -427,8 +427,27 @@ fn uv_of(vertices: &[Vertex], i: u32) -> Vec2 {
     Vec2::new(vertex.u, vertex.v)
 }
 
-/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`.
+/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`. Of vector displacement minus and plus the
+/// sum of its components' greatest magnitudes: the vector is no longer than that, whatever unit vectors it is along.
 pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high: Vec2) -> (f32, f32) {
+    let count = if field.is_vector() { 3 } else { 1 };
+    let (mut bounds, mut length) = ((0.0, 0.0), 0.0);
+    let mut axis = 0;
+    while axis < count {
+        bounds = map_bounds(field, displacement + axis, uv_low, uv_high);
+        length += bounds.0.abs().max(bounds.1.abs());
+        axis += 1;
+    }
+    if field.is_vector() {
+        // Two sums that may have been rounded down.
+        let length = length * (1.0 + 4.0 * UNIT_ROUNDOFF);
+        bounds = (-length, length);
+    }
+    bounds
+}
+
+/// Bounds on the heights of one map.
+fn map_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high: Vec2) -> (f32, f32) {
     let map = field.displacement(displacement);
     let pyramid = field.pyramid(map);
     // Rows of a map run downwards.

@@ -10,3 +10,5 @@ pub mod shading_normal;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_prism;
+pub mod vector;
+pub(crate) mod vector_bounds;

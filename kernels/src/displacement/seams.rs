@@ -7,7 +7,8 @@ use crate::math::{Sum, UNIT_ROUNDOFF};
 use glam::Vec2;
 
 /// `seams` with its heights decided by the maps of `field`: at each decided corner the mean of its readings, along each
-/// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are.
+/// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are. Of vector displacement
+/// bounds on lengths at both.
 ///
 /// Every entry at a corner reads the same sides in the same order, so that all have the same bits.
 pub fn decide_seams(field: &HeightField<'_>, seams: Seams) -> Seams {
@@ -16,7 +17,12 @@ pub fn decide_seams(field: &HeightField<'_>, seams: Seams) -> Seams {
     while e < 3 {
         if seams.flags >> e & 1 != 0 {
             let (first, count) = (component(seams.first_reading, e), component(seams.reading_count, e));
-            decided.heights = with_component(decided.heights, e, mean_height(field, first, count));
+            let height = if field.is_vector() {
+                height_range(field, first, count).1
+            } else {
+                mean_height(field, first, count)
+            };
+            decided.heights = with_component(decided.heights, e, height);
         }
         if seams.flags >> (3 + e) & 1 != 0 {
             let (first, count) = (component(seams.first_side, e), component(seams.side_count, e));

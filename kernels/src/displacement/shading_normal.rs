@@ -3,7 +3,8 @@
 
 use crate::barycentric::interpolate;
 use crate::displacement::surface::{BaseTriangle, HeightField, NO_DIRECTION};
-use crate::interface::normals;
+use crate::displacement::vector;
+use crate::interface::{displacement_kind, normals};
 use crate::math::{cross, dot, sqrt, unit};
 use glam::Vec3;
 
@@ -28,6 +29,9 @@ impl BaseTriangle {
     /// where a micro-triangle spans a relief too steep for it.
     #[inline]
     pub fn shading_normal(&self, field: &HeightField<'_>, w: Vec3, ng: Vec3) -> Vec3 {
+        if field.kind != displacement_kind::HEIGHT {
+            return vector::shading_normal(field, self, w, ng);
+        }
         let n = interpolate(w, self.n0, self.n1, self.n2);
         let (n1, n2) = (self.n1 - self.n0, self.n2 - self.n0);
         let length = sqrt(dot(n, n));
@@ -59,7 +63,7 @@ impl BaseTriangle {
 
 /// `normal` where it is a unit vector, `ng` where it is none but NaN.
 #[inline]
-fn or_geometric(normal: Vec3, ng: Vec3) -> Vec3 {
+pub(super) fn or_geometric(normal: Vec3, ng: Vec3) -> Vec3 {
     if dot(normal, normal) > 0.5 { normal } else { ng }
 }
 

@@ -4,8 +4,11 @@ use crate::aabb::Aabb;
 use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
+use crate::displacement::vector;
 use crate::hit::Hit;
-use crate::interface::{Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Triangle, normals};
+use crate::interface::{
+    Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, Triangle, Vertex, displacement_kind, normals,
+};
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
@@ -13,7 +16,8 @@ use crate::texture::{height_gradient, sample_height};
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
-/// The height field over the base mesh: h(t) = scale (texel(t) - zero), each base triangle by its own map.
+/// The height field over the base mesh: h(t) = scale (texel(t) - zero), each base triangle by its own map. Of vector
+/// displacement three of them, an axis each.
 #[derive(Clone, Copy)]
 pub struct HeightField<'a> {
     /// The maps' texels.
@@ -23,6 +27,10 @@ pub struct HeightField<'a> {
     displacements: &'a [Displacement],
     seams: &'a [Seams],
     seam_sides: &'a [SeamSide],
+    vertices: &'a [Vertex],
+    tangents: &'a [Tangent],
+    /// What heights are along: see [`displacement_kind`].
+    pub kind: u32,
     /// How texels are stored: see [`height_format`](crate::interface::height_format).
     format: u32,
     /// How maps go on beyond their borders: see [`wrap`](crate::interface::wrap).
@@ -45,12 +53,33 @@ impl<'a> HeightField<'a> {
             displacements: scene.displacements,
             seams: scene.seams,
             seam_sides: scene.seam_sides,
+            vertices: scene.vertices,
+            tangents: scene.tangents,
+            kind: features.displacement,
             format: features.height_format,
             wrap: features.height_wrap,
             normals: features.normals,
             subdivisions: scene.frame.subdivisions,
             welded: features.seams != 0,
         }
+    }
+
+    /// Whether displacement is by vectors.
+    #[inline]
+    pub fn is_vector(&self) -> bool {
+        self.kind != displacement_kind::HEIGHT
+    }
+
+    /// Vertex number `i`.
+    #[inline]
+    pub fn vertex(&self, i: u32) -> Vertex {
+        at(self.vertices, i)
+    }
+
+    /// Tangent of vertex number `i`, where displacement is in tangent space.
+    #[inline]
+    pub fn tangent(&self, i: u32) -> Tangent {
+        at(self.tangents, i)
     }
 
     /// Map number `i`.
@@ -85,6 +114,19 @@ impl<'a> HeightField<'a> {
     pub fn height_gradient(&self, map: &Displacement, uv: Vec2) -> Vec2 {
         let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
         height_gradient(self.texels, format, wrap, map, uv) * map.scale
+    }
+
+    /// By what a direction interpolated between unit vectors is multiplied to displace by `height`: the height itself for
+    /// linear directions. For normalised ones it is the height divided by the direction's length, and 0 where that is zero
+    /// or all but, since there is no direction to displace in.
+    #[inline]
+    pub fn lift(&self, height: f32, direction: Vec3) -> f32 {
+        if self.normals == normals::LINEAR {
+            height
+        } else {
+            let length = sqrt(dot(direction, direction));
+            if length > NO_DIRECTION { height / length } else { 0.0 }
+        }
     }
 }
 
@@ -130,10 +172,14 @@ pub struct BaseTriangle {
     pub height_min: f32,
     /// Greatest height of its own field.
     pub height_max: f32,
-    /// Its height map.
+    /// Indices of its vertices.
+    pub vertices: [u32; 3],
+    /// Its height map, of vector displacement the first of three.
     pub map: Displacement,
     /// Index of its [`Material`](crate::interface::Material).
     pub material: u32,
+    /// The map's index.
+    pub displacement: u32,
     /// Index of its [`Seams`], or [`NO_SEAMS`].
     pub seams: u32,
 }
@@ -173,8 +219,10 @@ impl BaseTriangle {
             t2: Vec2::new(c.u, c.v),
             height_min: triangle.height_min,
             height_max: triangle.height_max,
+            vertices: triangle.vertices,
             map: at(scene.displacements, triangle.displacement),
             material: triangle.material(),
+            displacement: triangle.displacement,
             seams: triangle.seams,
         }
     }
@@ -212,8 +260,7 @@ impl BaseTriangle {
     }
 
     /// The micro-vertex over grid point (j, k), at `p + lift * n`, p and n interpolated linearly over the base triangle. The
-    /// lift is the height for linear directions; for normalised ones it is the height divided by the length of n, and 0
-    /// where n is zero or all but, since there is no direction to displace in.
+    /// lift is the [height's](HeightField::lift). Vectors displace it as [`vector`] says.
     ///
     /// Every operation is fused or fixed in order, and [`interpolate`] drops the vertex across an edge, so both
     /// base triangles at an edge compute its micro-vertices to the same bits: from the vertices where they share them,
@@ -223,32 +270,22 @@ impl BaseTriangle {
         let n = field.subdivisions;
         let w = grid_point(j, k, n);
         let p = interpolate(w, self.p0, self.p1, self.p2);
+        let on_seam = self.has_seams(field) && (j == 0 || k == 0 || j + k == n);
+        if field.is_vector() {
+            return vector::micro_vertex(field, self, w, p, on_seam);
+        }
         let mut site = Site { direction: interpolate(w, self.n0, self.n1, self.n2), height: 0.0, own: true };
-        if self.has_seams(field) && (j == 0 || k == 0 || j + k == n) {
+        if on_seam {
             site = self.site_on_border(field, w, site);
         }
         let h = if site.own { field.height(&self.map, self.uv(w)) } else { site.height };
-        let lift = if field.normals == normals::LINEAR {
-            h
-        } else {
-            let length = sqrt(dot(site.direction, site.direction));
-            if length > NO_DIRECTION { h / length } else { 0.0 }
-        };
-        fma3(lift, site.direction, p)
+        fma3(field.lift(h, site.direction), site.direction, p)
     }
 
     /// What decides the micro-vertex at `w`, a point of the triangle's border; `inner` where that is the triangle itself.
     fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, inner: Site) -> Site {
         let seams = self.seams(field);
-        let corner = if w.x == 1.0 {
-            0
-        } else if w.y == 1.0 {
-            1
-        } else if w.z == 1.0 {
-            2
-        } else {
-            3
-        };
+        let corner = corner_at(w);
         if corner < 3 {
             if seams.flags >> corner & 1 == 0 {
                 return inner;
@@ -256,24 +293,11 @@ impl BaseTriangle {
             let height = component(seams.heights, corner);
             return Site { direction: seams.direction(corner), height, own: false };
         }
-        let edge = if w.x == 0.0 {
-            0
-        } else if w.y == 0.0 {
-            1
-        } else {
-            2
-        };
+        let edge = edge_at(w);
         if seams.flags >> (3 + edge) & 1 == 0 {
             return inner;
         }
-        // Weights of the seam's start and end: it starts at the lower of its vertices, which is stored first.
-        let along = if edge == 0 {
-            Vec3::new(w.y, w.z, 0.0)
-        } else if edge == 1 {
-            Vec3::new(w.x, w.z, 0.0)
-        } else {
-            Vec3::new(w.x, w.y, 0.0)
-        };
+        let along = along_edge(w, edge);
         let (first, count) = (component(seams.first_side, edge), component(seams.side_count, edge));
         let mut sum = 0.0;
         let mut i = 0;
@@ -364,6 +388,8 @@ impl BaseTriangle {
 
     /// A box that holds every micro-triangle.
     ///
+    /// Of vector displacement the base triangle's box grown by the greatest length: axes are no longer than unit vectors.
+    ///
     /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
     /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
     /// the greatest height (directions are no longer than unit vectors). Seams add the hulls of four points each, or
@@ -371,6 +397,12 @@ impl BaseTriangle {
     pub fn bounds(&self, field: &HeightField<'_>) -> Aabb {
         let reach = self.height_min.abs().max(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
+        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        if field.is_vector() {
+            // Two more fused operations than below; the mean of a seam's sides is in its bound.
+            let reach = self.reach(field);
+            return flat.padded(reach + 32.0 * UNIT_ROUNDOFF * (magnitude + reach));
+        }
         let grown = flat.padded(reach);
         let shortest = self.shortest_normal();
         let mut bounds = grown;
@@ -412,7 +444,6 @@ impl BaseTriangle {
         }
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
         // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all.
-        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
         bounds.padded(28.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
     }
 
@@ -442,6 +473,45 @@ impl BaseTriangle {
         } else {
             self.p2
         }
+    }
+}
+
+/// The corner whose barycentric coordinates `w` are, or 3.
+#[inline]
+pub(super) fn corner_at(w: Vec3) -> u32 {
+    if w.x == 1.0 {
+        0
+    } else if w.y == 1.0 {
+        1
+    } else if w.z == 1.0 {
+        2
+    } else {
+        3
+    }
+}
+
+/// The edge on which `w`, a point of the border, lies.
+#[inline]
+pub(super) fn edge_at(w: Vec3) -> u32 {
+    if w.x == 0.0 {
+        0
+    } else if w.y == 0.0 {
+        1
+    } else {
+        2
+    }
+}
+
+/// Weights of a seam's start and end at `w`, a point of edge `edge`: it starts at the lower of its vertices, which is
+/// stored first.
+#[inline]
+pub(super) fn along_edge(w: Vec3, edge: u32) -> Vec3 {
+    if edge == 0 {
+        Vec3::new(w.y, w.z, 0.0)
+    } else if edge == 1 {
+        Vec3::new(w.x, w.z, 0.0)
+    } else {
+        Vec3::new(w.x, w.y, 0.0)
     }
 }
 
@@ -509,6 +579,7 @@ pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::displacement::test_prism::Prism;
     use crate::interface::Vertex;
     use crate::math::tests::Numbers;
     use crate::test_scene::{FLAT, TestScene};
@@ -556,6 +627,61 @@ mod tests {
                         q.cmpge(bounds.min).all() && q.cmple(bounds.max).all(),
                         "{q} {bounds:?} {base:?}"
                     );
+                }
+            }
+        }
+    }
+
+    /// The same where vectors displace it; without its bounds on lengths they are the map's, three at a time.
+    #[test]
+    fn every_micro_vertex_that_vectors_displace_lies_in_the_bounds() {
+        let mut numbers = Numbers::new(25);
+        for round in 0..10_000 {
+            let spread = [0.0, 0.1, 0.5, 2.0, 100.0][round % 5];
+            let n = 1 + (numbers.unit() * 16.0) as u32;
+            let kind = [displacement_kind::TANGENT, displacement_kind::OBJECT][round / 5 % 2];
+            let relief = numbers.wide().clamp(-2.0, 2.0);
+            let prism =
+                Prism::random(&mut numbers, n, spread, relief).with_vectors(&mut numbers, kind, spread);
+            let view = prism.view();
+            for normals in [normals::NORMALIZED, normals::LINEAR] {
+                let field = HeightField::new(&view, Features { normals, ..prism.features() });
+                let base = prism.base();
+                let bounds = base.bounds(&field);
+                for j in 0..=n {
+                    for k in 0..=n - j {
+                        let q = base.micro_vertex(&field, j, k);
+                        let inside = q.cmpge(bounds.min).all() && q.cmple(bounds.max).all();
+                        assert!(inside, "{q} {bounds:?} {base:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// A vector along the normal alone displaces as its height does, to the bit.
+    #[test]
+    fn vectors_along_normals_are_heights() {
+        let mut numbers = Numbers::new(26);
+        for round in 0..2_000 {
+            let spread = [0.0, 0.3, 3.0][round % 3];
+            let n = 1 + (numbers.unit() * 16.0) as u32;
+            let prism = Prism::random(&mut numbers, n, spread, 0.3);
+            let mut vectors = Prism::random(&mut numbers, n, spread, 0.3);
+            vectors.scene = prism.scene.clone();
+            let mut vectors = vectors.with_vectors(&mut numbers, displacement_kind::TANGENT, spread);
+            let maps = &mut vectors.scene.displacements;
+            (maps[0].scale, maps[1].scale, maps[2]) = (0.0, 0.0, prism.scene.displacements[0]);
+            let (view, vector_view) = (prism.view(), vectors.view());
+            for normals in [normals::NORMALIZED, normals::LINEAR] {
+                let field = HeightField::new(&view, Features { normals, ..prism.features() });
+                let vector_field = HeightField::new(&vector_view, Features { normals, ..vectors.features() });
+                for j in 0..=n {
+                    for k in 0..=n - j {
+                        let height = prism.base().micro_vertex(&field, j, k);
+                        let vector = vectors.base().micro_vertex(&vector_field, j, k);
+                        assert_eq!(height, vector, "{:?}", prism.base());
+                    }
                 }
             }
         }

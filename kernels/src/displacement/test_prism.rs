@@ -2,19 +2,21 @@
 
 use crate::displacement::height_pyramid::{build_word, height_bounds, level_words, pyramid_words, top_level};
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::interface::{Displacement, method};
+use crate::interface::{Displacement, Tangent, displacement_kind, method};
 use crate::math::tests::Numbers;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::test_scene::{FLAT, TestScene};
 use glam::Vec3;
 
-/// What [`Prism::view`] is read with.
+/// What [`Prism::view`] is read with, unless vectors displace it.
 pub(crate) const FEATURES: Features = Features { method: method::GRID_WALK, ..FLAT };
 
 /// A prism of random shape under a random 16x16 map.
 pub(crate) struct Prism {
     pub(crate) scene: TestScene,
+    /// What displaces it: see [`displacement_kind`].
+    kind: u32,
 }
 
 impl Prism {
@@ -35,13 +37,44 @@ impl Prism {
         (map.scale, map.zero) = (relief * (p[1] - p[0]).length(), numbers.unit());
         (map.height_min, map.height_max) = Displacement::height_range(0.0, 1.0, map.zero, map.scale);
         scene.frame.subdivisions = n;
-        scene.build_pyramids(FEATURES);
         scene.triangles.truncate(1);
+        Prism { scene, kind: displacement_kind::HEIGHT }.prepared()
+    }
+
+    /// The same displaced by vectors: two more maps of its map's size, and tangents that lean as normals do, by `spread`.
+    pub(crate) fn with_vectors(mut self, numbers: &mut Numbers, kind: u32, spread: f32) -> Self {
+        let scene = &mut self.scene;
+        for _ in 0..2 {
+            let first_word = scene.height_texels.len() as u32;
+            scene.height_texels.extend((0..256).map(|_| numbers.unit().to_bits()));
+            let first = scene.displacements[0];
+            scene.displacements.push(Displacement { first_word, zero: numbers.unit(), ..first });
+        }
+        let along = scene.vertices[1].position - scene.vertices[0].position;
+        let sign = if numbers.unit() < 0.5 { 1.0 } else { -1.0 };
+        for vertex in &scene.vertices {
+            let tangent = along.normalize() + numbers.vec3() * spread;
+            let direction = tangent.reject_from_normalized(vertex.normal).normalize();
+            scene.tangents.push(Tangent { direction, sign });
+        }
+        Prism { kind, ..self }.prepared()
+    }
+
+    /// With its pyramids and the bounds on its heights.
+    fn prepared(mut self) -> Self {
+        let features = self.features();
+        let scene = &mut self.scene;
+        scene.build_pyramids(features);
         let view = scene.view();
-        let field = HeightField::new(&view, FEATURES);
+        let field = HeightField::new(&view, features);
         let (low, high) = height_bounds(&field, &scene.vertices, scene.triangles[0]);
         (scene.triangles[0].height_min, scene.triangles[0].height_max) = (low, high);
-        Prism { scene }
+        self
+    }
+
+    /// What its view is read with.
+    pub(crate) fn features(&self) -> Features {
+        Features { displacement: self.kind, ..FEATURES }
     }
 
     pub(crate) fn base(&self) -> BaseTriangle {
@@ -100,7 +133,7 @@ pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers, adversarial: bool
         let j = (numbers.unit() * n as f32) as u32;
         let k = (numbers.unit() * (n - j) as f32) as u32;
         let view = prism.view();
-        let field = HeightField::new(&view, FEATURES);
+        let field = HeightField::new(&view, prism.features());
         let a = base.micro_vertex(&field, j, k);
         let b = base.micro_vertex(&field, j, k + 1);
         target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };

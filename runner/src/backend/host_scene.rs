@@ -59,6 +59,7 @@ impl HostScene {
         SceneView {
             frame: &self.frame,
             vertices: &self.buffers.vertices,
+            tangents: &self.buffers.tangents,
             triangles: &self.buffers.triangles,
             nodes: &self.bvh.nodes,
             primitives: &self.bvh.primitives,
@@ -111,7 +112,7 @@ impl HostScene {
     pub fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
         check_displacements(&self.buffers.displacements, displacements)?;
         self.buffers.displacements.copy_from_slice(displacements);
-        self.frame = with_displacements(&self.frame, displacements);
+        self.frame = with_displacements(&self.frame, displacements, self.features);
         if self.frame.triangle_count == 0 {
             return Ok(());
         }
@@ -180,6 +181,7 @@ impl HostScene {
 fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
     Ok(SceneBuffers {
         vertices: copied("vertices", &scene.vertices)?,
+        tangents: copied("tangents", &scene.tangents)?,
         triangles: copied("triangles", &scene.triangles)?,
         displacements: copied("the height maps", &scene.displacements)?,
         height_texels: copied("the height maps", &scene.height_texels)?,

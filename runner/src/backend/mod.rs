@@ -11,7 +11,8 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
     Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS, PointLight, Ray,
-    SeamSide, Seams, Triangle, Vertex, color_format, counter, height_format, method, wrap,
+    SeamSide, Seams, Tangent, Triangle, Vertex, color_format, counter, displacement_kind, height_format,
+    method, wrap,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -24,6 +25,8 @@ use std::time::Duration;
 pub struct SceneBuffers {
     /// Corners of the base mesh.
     pub vertices: Vec<Vertex>,
+    /// Their tangents, where vector displacement is along these.
+    pub tangents: Vec<Tangent>,
     /// Base triangles; their heights are not read.
     pub triangles: Vec<Triangle>,
     /// How the height maps displace, their pyramids one behind the other. Those of one image with one wrap may share a
@@ -105,8 +108,19 @@ impl SceneBuffers {
                     .zip(seams.side_count)
                     .all(|((e, first), n)| are_there(e, first, n))
         };
-        let maps = self.displacements.len();
-        let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
+        let vectors = features.displacement != displacement_kind::HEIGHT;
+        let is_a_map = |displacement: u32| {
+            let first = displacement as usize;
+            match self.displacements.get(first..first + if vectors { 3 } else { 1 }) {
+                Some([]) | None => false,
+                Some([first, others @ ..]) => others
+                    .iter()
+                    .all(|map| (map.map_width, map.map_height) == (first.map_width, first.map_height)),
+            }
+        };
+        let names_a_map = |triangle: &Triangle| is_a_map(triangle.displacement);
+        let has_tangents =
+            features.displacement != displacement_kind::TANGENT || self.tangents.len() >= self.vertices.len();
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
         let names_a_material = |triangle: &Triangle| (triangle.material() as usize) < self.materials.len();
         let color_words = |map: &Material| match map.color_format {
@@ -151,8 +165,12 @@ impl SceneBuffers {
             "a triangle names seams that are not there"
         } else if welded && !self.seams.iter().all(seams_are_sound) {
             "a seam names sides that are not there"
-        } else if !self.seam_sides.iter().all(|side| (side.displacement as usize) < maps) {
+        } else if !self.seam_sides.iter().all(|side| is_a_map(side.displacement)) {
             "a seam's side names a height map that is not there"
+        } else if !self.seam_sides.iter().all(|side| below(&side.vertices, self.vertices.len())) {
+            "a seam's side names a vertex that is not there"
+        } else if traced && !has_tangents {
+            "there are fewer tangents than vertices"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
         } else if traced && !self.triangles.iter().all(names_a_material) {
@@ -212,8 +230,8 @@ fn with_view(loaded: &Frame, view: &Frame) -> Frame {
 }
 
 /// The frame of the loaded scene with other heights.
-fn with_displacements(loaded: &Frame, displacements: &[Displacement]) -> Frame {
-    let (height_min, height_max) = heights::range(displacements);
+fn with_displacements(loaded: &Frame, displacements: &[Displacement], features: Features) -> Frame {
+    let (height_min, height_max) = heights::range(displacements, features);
     Frame { height_min, height_max, ..*loaded }
 }
 
@@ -407,6 +425,7 @@ mod tests {
     fn sound() -> (SceneBuffers, Frame, Features) {
         let scene = SceneBuffers {
             vertices: vec![Vertex::default(); 3],
+            tangents: vec![],
             triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
             seams: vec![Seams { side_count: [1, 0, 0], reading_count: [0, 1, 0], ..Seams::default() }],
             seam_sides: vec![SeamSide::default()],
@@ -429,6 +448,26 @@ mod tests {
             ..Features::default()
         };
         (scene, frame, features)
+    }
+
+    /// Three maps of a size for each that is named, and a tangent for each vertex.
+    #[test]
+    fn vectors_need_three_maps_and_tangents() {
+        let (mut scene, frame, features) = sound();
+        let features = Features { displacement: displacement_kind::TANGENT, ..features };
+        let check = |scene: &SceneBuffers| scene.check(&frame, features).map_err(|error| error.to_string());
+        let words = pyramid_words(features.height_format, 3, 3);
+        let first = scene.displacements[0];
+        scene.displacements.push(Displacement { first_range: words, ..first });
+        scene.tangents = vec![Tangent::default(); 3];
+        assert!(check(&scene).expect_err("two maps").contains("names a height map"));
+        scene.displacements.push(Displacement { first_range: 2 * words, ..first });
+        assert_eq!(check(&scene), Ok(()));
+        scene.displacements[2].map_width = 2;
+        assert!(check(&scene).expect_err("of two sizes").contains("names a height map"));
+        scene.displacements[2].map_width = 3;
+        scene.tangents.pop();
+        assert!(check(&scene).expect_err("two tangents").contains("fewer tangents"));
     }
 
     #[test]
@@ -477,7 +516,7 @@ mod tests {
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 23] = [
+        let breaks: [(&str, Break); 24] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
             ("fewer triangles", |_, frame| frame.triangle_count = 2),
             ("lights", |_, frame| frame.light_count = 2),
@@ -491,6 +530,7 @@ mod tests {
             ("names sides", |scene, _| scene.seams[0].first_reading[1] = 1),
             ("names sides", |scene, _| scene.seams[0].flags = 1 << 2),
             ("side names a height map", |scene, _| scene.seam_sides[0].displacement = 1),
+            ("side names a vertex", |scene, _| scene.seam_sides[0].vertices[1] = 3),
             ("N is not", |_, frame| frame.subdivisions = 0),
             ("height map is not stored", |scene, _| scene.displacements[0].format = height_format::UNORM16),
             ("height map is not stored", |scene, _| scene.displacements[0].wrap = wrap::MIRROR),

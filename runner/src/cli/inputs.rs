@@ -1,7 +1,7 @@
 //! The six arguments: model, maps and relief, and what stands in for those that are left out.
 
 use crate::render::Scene;
-use crate::scene::assembly::{Assembly, MapSource, MaterialSource};
+use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
 use crate::scene::obj::load_obj;
@@ -9,14 +9,12 @@ use crate::scene::scene_file::{
     MaterialChoice, ModelSource, SceneColor, SceneFile, SceneMaterial, SceneModel,
 };
 use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
-use crate::settings::{Light, Wrap};
+use crate::settings::{ChannelOrder, DisplacementKind, Light, Wrap};
 use glam::{DAffine3, Vec3};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The texel value of no displacement unless said otherwise: mid-grey, so that a model keeps its size.
-const ZERO: f32 = 0.5;
 /// The scale unless said otherwise, as a share of the diagonal of the model's box.
 const SCALE_SHARE: f32 = 0.05;
 /// N unless said otherwise: 256 micro-triangles for each triangle.
@@ -61,11 +59,21 @@ pub(super) struct Request<'a> {
     pub(super) invert: bool,
     /// `--wrap`: of all maps, whatever their materials say.
     pub(super) wrap: Option<Wrap>,
+    pub(super) displacement: Option<DisplacementKind>,
+    pub(super) channels: Option<ChannelOrder>,
+}
+
+impl Request<'_> {
+    fn channels(&self) -> Option<ChannelOrder> {
+        self.channels.or(self.scene.and_then(|scene| scene.channels))
+    }
 }
 
 /// What the arguments come to.
 pub(super) struct Inputs {
     pub(super) scene: Scene,
+    /// What the height maps' texels displace along.
+    pub(super) displacement: DisplacementKind,
     /// For the user: each argument's value and where it comes from.
     pub(super) choices: [Choice; 6],
     /// The direction to the camera of a built-in scene that is alone, and what is up.
@@ -90,6 +98,22 @@ pub(super) enum InputError {
         /// The name, with `builtin:`.
         name: String,
     },
+    /// Vectors are asked of a scene that has none.
+    #[error("the relief of {name} is a height map; name a vector map as HEIGHT, or leave --displacement out")]
+    NoVectors {
+        /// The scene.
+        name: String,
+    },
+    /// `--invert` with vectors.
+    #[error(
+        "--invert turns heights upside down; of a vector map choose the signs with --channels, as -r-b-g"
+    )]
+    InvertVectors,
+    /// `--channels` without a vector map in a file.
+    #[error(
+        "--channels says which channels of a vector map are along which axes; name one as HEIGHT, with --displacement tangent or object"
+    )]
+    ChannelsOfNothing,
     /// A file cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -155,6 +179,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     }
     let materials = models.iter_mut().flat_map(|model| &mut model.materials);
     materials.for_each(|material| material.change(request));
+    let displacement = displacement_kind(request, &models)?;
     let recommended = models.iter().filter_map(|model| model.builtin.as_ref()).map(|b| b.subdivisions).max();
     let in_scene = request.scene.and_then(|scene| scene.subdivisions);
     let (subdivisions, n_origin) = match (request.subdivisions, in_scene, recommended) {
@@ -172,7 +197,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         Choice { name: "model", value: name, origin: model_origin },
         all("color", |m| (color_name(&m.source), m.color)),
         all("height", |m| (map_name(m.source.height.as_ref()), m.height)),
-        all("zero", |m| (m.source.zero.to_string(), m.zero)),
+        all("zero", if displacement == DisplacementKind::Height { zero_of_heights } else { zero_of_vectors }),
         all("scale", |m| (m.source.scale.to_string(), m.scale)),
         Choice { name: "N", value: subdivisions.to_string(), origin: n_origin },
     ];
@@ -180,7 +205,11 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     if let (None, [Model { builtin: Some(builtin), .. }]) = (request.scene, &models[..]) {
         (view, lights) = (Some(builtin.view), builtin.lights.clone());
     }
-    let mut assembly = Assembly::default();
+    let channels = request.channels().unwrap_or(match displacement {
+        DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
+        DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
+    });
+    let mut assembly = Assembly::new(displacement, channels);
     for Model { mesh, materials, .. } in models {
         let ids = materials.iter().map(|material| {
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
@@ -191,7 +220,42 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
         assembly.add(mesh, &ids);
     }
-    Ok(Inputs { scene: assembly.finish(subdivisions), choices, view, lights })
+    Ok(Inputs { scene: assembly.finish(subdivisions), displacement, choices, view, lights })
+}
+
+fn zero_of_heights(material: &Described) -> (String, &'static str) {
+    (material.source.zero.unwrap_or(ZERO).to_string(), material.zero)
+}
+
+fn zero_of_vectors(material: &Described) -> (String, &'static str) {
+    let by_format = || "0 of floats, 0.5 of integers".to_owned();
+    (material.source.zero.map_or_else(by_format, |zero| zero.to_string()), material.zero)
+}
+
+/// What texels displace along: as given, else what the map of a built-in scene is for, else heights.
+fn displacement_kind(request: &Request<'_>, models: &[Model]) -> Result<DisplacementKind, InputError> {
+    let made = |source: &MaterialSource| matches!(source.height, Some(MapSource::Made { .. }));
+    let sources = || models.iter().flat_map(|model| &model.materials).map(|material| &material.source);
+    let with_maps = || sources().filter(|source| source.height.is_some());
+    let all_vectors =
+        with_maps().next().is_some() && with_maps().all(|source| made(source) && source.sideways.is_some());
+    let own = if all_vectors { DisplacementKind::Tangent } else { DisplacementKind::Height };
+    let kind = request.displacement.or(request.scene.and_then(|scene| scene.displacement)).unwrap_or(own);
+    let is_vector = kind != DisplacementKind::Height;
+    let of_heights = |model: &&Model| {
+        model.materials.iter().any(|material| made(&material.source) && material.source.sideways.is_none())
+    };
+    if let (true, Some(model)) = (is_vector, models.iter().find(of_heights)) {
+        return Err(InputError::NoVectors { name: model.name.clone() });
+    }
+    let from_file = is_vector && with_maps().any(|source| !made(source));
+    if is_vector && sources().any(|source| source.invert) {
+        Err(InputError::InvertVectors)
+    } else if request.channels().is_some() && !from_file {
+        Err(InputError::ChannelsOfNothing)
+    } else {
+        Ok(kind)
+    }
 }
 
 /// What is wrong with a file that a line of a scene file names.
@@ -296,7 +360,7 @@ impl Described {
             }
         }
         if let Some(zero) = request.zero {
-            (source.zero, self.zero) = (zero, GIVEN);
+            (source.zero, self.zero) = (Some(zero), GIVEN);
         }
         if let Some(scale) = request.scale {
             (source.scale, self.scale) = (scale, GIVEN);
@@ -325,7 +389,7 @@ impl Described {
             (source.height, self.height) = (height.clone().map(MapSource::File), SCENE_FILE);
         }
         if let Some(zero) = material.zero {
-            (source.zero, self.zero) = (zero, SCENE_FILE);
+            (source.zero, self.zero) = (Some(zero), SCENE_FILE);
         }
         if let Some(scale) = material.scale {
             (source.scale, self.scale) = (scale, SCENE_FILE);
@@ -361,7 +425,8 @@ impl Described {
                 color: color.map(|(map, _)| MapSource::File(map.path)),
                 height_wrap: height.as_ref().and_then(|map| map.wrap),
                 height: height.map(|map| MapSource::File(map.path)),
-                zero: range.map_or(ZERO, |(base, gain)| -base / gain),
+                sideways: None,
+                zero: range.map(|(base, gain)| -base / gain),
                 scale: range.map_or(scale, |(_, gain)| gain),
                 invert: false,
             },
@@ -386,7 +451,7 @@ fn load_file(path: &Path) -> Result<Model, SceneError> {
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
     let unknown = || InputError::UnknownBuiltin { name: name.to_owned() };
-    let BuiltinScene { mesh, height, color, zero, scale, subdivisions, view, up, lights } =
+    let BuiltinScene { mesh, height, sideways, color, zero, scale, subdivisions, view, up, lights } =
         builtin::load(name).ok_or_else(unknown)?;
     let light = |light: emboss_kernels::interface::PointLight| Light {
         position: light.position,
@@ -399,7 +464,8 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         color_wrap: None,
         height: Some(MapSource::Made { name: name.to_owned(), map: Arc::new(height) }),
         height_wrap: None,
-        zero,
+        sideways: sideways.map(|maps| maps.map(Arc::new)),
+        zero: Some(zero),
         scale,
         invert: false,
     };

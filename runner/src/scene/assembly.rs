@@ -1,8 +1,8 @@
 //! Models and their materials put together to a scene: each image is read once, however many materials name it.
 
-use super::image::{load_color_map, load_height_map};
+use super::image::{VectorMap, load_color_map, load_height_map, load_vector_map};
 use super::{ColorMap, HeightMap, Material, Mesh, Relief, SceneError};
-use crate::settings::Wrap;
+use crate::settings::{ChannelOrder, DisplacementKind, Wrap};
 use glam::Vec3;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -31,17 +31,29 @@ pub struct MaterialSource {
     pub color: Option<MapSource<ColorMap>>,
     /// How it is read outside [0,1); `None`: as the settings say.
     pub color_wrap: Option<Wrap>,
-    /// The height map.
+    /// The height map; in a scene of vectors a file is a vector map.
     pub height: Option<MapSource<HeightMap>>,
+    /// What a vector map made by code has along tangent and bitangent; `height` is along the normal.
+    pub sideways: Option<[Arc<HeightMap>; 2]>,
     /// How it is read outside [0,1); `None`: as the settings say.
     pub height_wrap: Option<Wrap>,
-    /// The texel value of no displacement.
-    pub zero: f32,
+    /// The texel value of no displacement; `None`: mid-grey, so that a model keeps its size, and of vector maps of floats 0.
+    pub zero: Option<f32>,
     /// Height of a texel step from 0 to 1, in scene units.
     pub scale: f32,
     /// Whether each texel t of the height map is replaced by 1 - t.
     pub invert: bool,
 }
+
+impl MaterialSource {
+    /// The texel value of no displacement of a height map.
+    fn zero(&self) -> f32 {
+        self.zero.unwrap_or(ZERO)
+    }
+}
+
+/// The texel value of no displacement of height maps unless said otherwise.
+pub const ZERO: f32 = 0.5;
 
 /// A material of a scene that is being put together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,16 +63,21 @@ pub struct MaterialId {
 }
 
 /// A scene that is being put together.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Assembly {
+    kind: DisplacementKind,
+    /// Which channels of vector maps are along which axes.
+    channels: ChannelOrder,
     mesh: Mesh,
+    /// Of vectors three each.
     reliefs: Vec<Relief>,
     materials: Vec<Material>,
-    /// Which relief is that of materials without a height map.
+    /// Which relief, or which three from there on, is that of materials without a height map.
     flat: Option<u32>,
     colors: HashMap<PathBuf, Arc<ColorMap>>,
     /// By file, and whether they are inverted.
     heights: HashMap<(PathBuf, bool), LoadedHeight>,
+    vectors: HashMap<PathBuf, LoadedVectors>,
 }
 
 /// A height map out of a file.
@@ -71,7 +88,32 @@ struct LoadedHeight {
     zero: f32,
 }
 
+/// A vector map out of a file.
+#[derive(Clone, Debug)]
+struct LoadedVectors {
+    channels: [Arc<HeightMap>; 3],
+    /// The texel value of no displacement, also of texels that are NaN or infinite.
+    zero: f32,
+    /// What was asked for.
+    asked: Option<f32>,
+}
+
 impl Assembly {
+    /// A scene of nothing. `channels` is read where texels are vectors.
+    pub fn new(kind: DisplacementKind, channels: ChannelOrder) -> Assembly {
+        Assembly {
+            kind,
+            channels,
+            mesh: Mesh::default(),
+            reliefs: Vec::new(),
+            materials: Vec::new(),
+            flat: None,
+            colors: HashMap::new(),
+            heights: HashMap::new(),
+            vectors: HashMap::new(),
+        }
+    }
+
     /// Adds a material, or finds the same one. Its files are read if they are new.
     ///
     /// # Errors
@@ -92,7 +134,7 @@ impl Assembly {
             same_map && (other.albedo, other.wrap) == (material.albedo, material.wrap)
         };
         let known = self.materials.iter().position(is_same);
-        Ok(MaterialId { relief, material: place(&mut self.materials, known, material) })
+        Ok(MaterialId { relief, material: place(&mut self.materials, known, [material]) })
     }
 
     /// Adds a mesh that does not weld with those before it. Its triangles name their materials by indices into `materials`.
@@ -110,36 +152,71 @@ impl Assembly {
 
     /// The scene.
     pub fn finish(self, subdivisions: u32) -> crate::render::Scene {
+        let parts = self.parts();
         let Assembly { mesh, mut reliefs, materials, flat, .. } = self;
         // A single texel 0 is the same in all formats and under all wraps: it takes those of a real map, so that
         // pipelines need not know of two.
-        if let Some(flat) = flat
-            && let Some(real) = (0..).zip(&reliefs).find(|(i, _)| *i != flat).map(|(_, relief)| relief)
-        {
-            let (format, wrap) = (real.map.format, real.wrap);
-            let map = HeightMap { format, ..HeightMap::flat(0.0) };
-            reliefs[flat as usize] = Relief { wrap, ..Relief::new(map, 0.0, 0.0) };
+        if let Some(flat) = flat {
+            let flats = flat as usize..flat as usize + parts;
+            let real = reliefs.iter().enumerate().find(|(i, _)| !flats.contains(i));
+            if let Some((format, wrap)) = real.map(|(_, relief)| (relief.map.format, relief.wrap)) {
+                let map = HeightMap { format, ..HeightMap::flat(0.0) };
+                reliefs[flats].fill(Relief { wrap, ..Relief::new(map, 0.0, 0.0) });
+            }
         }
         crate::render::Scene { mesh, reliefs, materials, subdivisions }
     }
 
-    /// The index of a material's relief, added where it is new.
+    /// How many reliefs a displacement takes.
+    fn parts(&self) -> usize {
+        if self.kind == DisplacementKind::Height { 1 } else { 3 }
+    }
+
+    /// The index of a material's relief, or of the first of its three, added where they are new.
     fn relief(&mut self, source: &MaterialSource) -> Result<u32, SceneError> {
-        let &MaterialSource { zero, scale, height_wrap: wrap, .. } = source;
+        let &MaterialSource { scale, height_wrap: wrap, .. } = source;
+        let relief = |map: Arc<HeightMap>, zero, scale| Relief { wrap, ..Relief::new(map, zero, scale) };
         let Some(height) = &source.height else {
-            let flat = Relief::new(HeightMap::flat(zero), zero, scale);
-            let known = self.flat.map(|flat| flat as usize);
-            let flat = place(&mut self.reliefs, known, flat);
+            let flat = Relief::new(HeightMap::flat(source.zero()), source.zero(), scale);
+            let (known, flats) = (self.flat.map(|flat| flat as usize), vec![flat; self.parts()]);
+            let flat = place(&mut self.reliefs, known, flats);
             self.flat = Some(flat);
             return Ok(flat);
         };
-        let relief = Relief { wrap, ..Relief::new(self.height_map(height, source)?, zero, scale) };
-        let is_same = |other: &Relief| {
+        let reliefs = if self.kind == DisplacementKind::Height {
+            vec![relief(self.height_map(height, source)?, source.zero(), scale)]
+        } else if let MapSource::File(path) = height {
+            let LoadedVectors { channels, zero, .. } = self.vector_map(path, source.zero)?;
+            let axes = self.channels.axes(self.kind);
+            axes.map(|(channel, sign)| relief(Arc::clone(&channels[channel]), zero, sign * scale)).into()
+        } else {
+            let normal = self.height_map(height, source)?;
+            let sideways = source.sideways.clone().unwrap_or_else(|| {
+                [(); 2].map(|()| Arc::new(HeightMap { format: normal.format, ..HeightMap::flat(0.0) }))
+            });
+            sideways.into_iter().chain([normal]).map(|map| relief(map, source.zero(), scale)).collect()
+        };
+        let is_same = |(other, relief): (&Relief, &Relief)| {
             Arc::ptr_eq(&other.map, &relief.map)
                 && (other.zero, other.scale, other.wrap) == (relief.zero, relief.scale, relief.wrap)
         };
-        let known = self.reliefs.iter().position(is_same);
-        Ok(place(&mut self.reliefs, known, relief))
+        let known = self.reliefs.windows(reliefs.len()).step_by(reliefs.len());
+        let known = known.map(|window| window.iter().zip(&reliefs).all(is_same)).position(|same| same);
+        Ok(place(&mut self.reliefs, known.map(|group| group * reliefs.len()), reliefs))
+    }
+
+    fn vector_map(&mut self, path: &Path, asked: Option<f32>) -> Result<LoadedVectors, SceneError> {
+        let key = identity(path);
+        // What stands for bad texels is the material's own.
+        if let Some(known) = self.vectors.get(&key).filter(|known| known.asked == asked) {
+            return Ok(known.clone());
+        }
+        let VectorMap { channels, zero } = load_vector_map(path, asked)?;
+        // The channels of a vector map are alike in what is warned of.
+        warn_of_map(path, &channels[0]);
+        let loaded = LoadedVectors { channels: channels.map(Arc::new), zero, asked };
+        self.vectors.insert(key, loaded.clone());
+        Ok(loaded)
     }
 
     fn color_map(&mut self, source: &MapSource<ColorMap>) -> Result<Arc<ColorMap>, SceneError> {
@@ -159,8 +236,9 @@ impl Assembly {
     fn height_map(
         &mut self,
         source: &MapSource<HeightMap>,
-        &MaterialSource { zero, invert, .. }: &MaterialSource,
+        material: &MaterialSource,
     ) -> Result<Arc<HeightMap>, SceneError> {
+        let (zero, invert) = (material.zero(), material.invert);
         let path = match source {
             MapSource::Made { map, .. } if invert => return Ok(Arc::new(map.inverted())),
             MapSource::Made { map, .. } => return Ok(Arc::clone(map)),
@@ -179,11 +257,12 @@ impl Assembly {
     }
 }
 
-/// The index of an item: the known one, or that of `new`, added.
-fn place<T>(items: &mut Vec<T>, known: Option<usize>, new: T) -> u32 {
+/// The index of items: the known one, or that of the first of `new`, added.
+fn place<T>(items: &mut Vec<T>, known: Option<usize>, new: impl IntoIterator<Item = T>) -> u32 {
     let index = known.unwrap_or_else(|| {
-        items.push(new);
-        items.len() - 1
+        let first = items.len();
+        items.extend(new);
+        first
     });
     u32::try_from(index).expect("materials are fewer than the lines of the files that name them")
 }
@@ -218,10 +297,15 @@ mod tests {
             color_wrap: None,
             height: height.map(|path| MapSource::File(path.to_owned())),
             height_wrap: None,
-            zero: 0.5,
+            sideways: None,
+            zero: Some(0.5),
             scale: 1.0,
             invert: false,
         }
+    }
+
+    fn heights() -> Assembly {
+        Assembly::new(DisplacementKind::Height, ChannelOrder::Blender)
     }
 
     /// A folder with two images of eight bits.
@@ -240,12 +324,12 @@ mod tests {
         std::fs::create_dir(folder.path().join("sub")).expect("writable");
         let same = folder.path().join("sub/../a.png");
         let color = |path: &Path| Some(MapSource::File(path.to_owned()));
-        let mut assembly = Assembly::default();
+        let mut assembly = heights();
         let first = MaterialSource { color: color(&a), ..source(Some(&a)) };
         let sources = [
             first.clone(),
             MaterialSource { color: color(&same), ..source(Some(&same)) },
-            MaterialSource { zero: 0.25, ..first.clone() },
+            MaterialSource { zero: Some(0.25), ..first.clone() },
             MaterialSource { invert: true, color_wrap: Some(Wrap::Clamp), ..first },
         ];
         let ids = sources.map(|source| assembly.material(&source).expect("an image"));
@@ -266,9 +350,9 @@ mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("bad.exr");
         image::Rgb32FImage::from_pixel(1, 1, image::Rgb([f32::NAN; 3])).save(&path).expect("written");
-        let mut assembly = Assembly::default();
+        let mut assembly = heights();
         for zero in [0.5, 0.25, 0.25] {
-            assembly.material(&MaterialSource { zero, ..source(Some(&path)) }).expect("an image");
+            assembly.material(&MaterialSource { zero: Some(zero), ..source(Some(&path)) }).expect("an image");
         }
         let texels: Vec<_> = assembly.reliefs.iter().map(|relief| relief.map.texel(0, 0)).collect();
         assert_eq!(texels, [0.5, 0.25]);
@@ -278,7 +362,7 @@ mod tests {
     #[test]
     fn flat_materials_are_stored_as_the_others() {
         let (_folder, a, _) = images();
-        let mut assembly = Assembly::default();
+        let mut assembly = heights();
         let mapped = MaterialSource { height_wrap: Some(Wrap::Mirror), ..source(Some(&a)) };
         for source in [source(None), mapped, MaterialSource { scale: 7.0, ..source(None) }] {
             assembly.material(&source).expect("sound");
@@ -290,13 +374,32 @@ mod tests {
         assert_eq!(flat.map.texel(0, 0) - flat.zero, 0.0);
     }
 
+    /// Three reliefs a vector map, in the order of axes, with its own zero.
+    #[test]
+    fn vector_maps_are_three_reliefs() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("v.exr");
+        image::Rgb32FImage::from_pixel(1, 1, image::Rgb([1.0, 2.0, 3.0])).save(&path).expect("written");
+        let mut assembly = Assembly::new(DisplacementKind::Tangent, ChannelOrder::Blender);
+        let of_file = MaterialSource { zero: None, ..source(Some(&path)) };
+        let wrapped = MaterialSource { height_wrap: Some(Wrap::Clamp), ..of_file.clone() };
+        let sources = [source(None), of_file.clone(), wrapped, of_file, source(None)];
+        let ids = sources.map(|source| assembly.material(&source).expect("sound").relief);
+        assert_eq!(ids, [0, 3, 6, 3, 0]);
+        let reliefs = assembly.finish(1).reliefs;
+        let texels: Vec<_> = reliefs.iter().map(|relief| relief.map.texel(0, 0)).collect();
+        assert_eq!(texels, [0.0, 0.0, 0.0, 1.0, 3.0, 2.0, 1.0, 3.0, 2.0]);
+        assert!(reliefs.iter().all(|relief| relief.zero == 0.0));
+        assert!(Arc::ptr_eq(&reliefs[3].map, &reliefs[6].map));
+    }
+
     #[test]
     fn triangles_name_what_their_materials_became() {
         let (_folder, a, b) = images();
         let corner = |x, y| Vertex { position: Vec3::new(x, y, 0.0), ..Vertex::default() };
         let vertices = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
         let mesh = Mesh::with_materials(&vertices, [([0, 1, 2], 1), ([2, 1, 0], 0)].into_iter());
-        let mut assembly = Assembly::default();
+        let mut assembly = heights();
         let sources = [source(Some(&b)), MaterialSource { albedo: Some(Vec3::X), ..source(Some(&a)) }];
         let ids: Vec<_> = sources.iter().map(|source| assembly.material(source).expect("an image")).collect();
         assembly.add(mesh, &[ids[1], ids[0]]);

@@ -100,6 +100,12 @@ pub enum SceneError {
         /// Rows.
         height: u32,
     },
+    /// A picture has fewer channels than a vector has components.
+    #[error("{}: has one channel, but vectors have three; use a picture in red, green and blue, or --displacement height", path.display())]
+    NoVectors {
+        /// The map.
+        path: PathBuf,
+    },
     /// A map is larger than the kernels can address.
     #[error("{}: {width}x{height} texels are too many; scale it down to at most {limit}x{limit}", path.display())]
     TooManyTexels {

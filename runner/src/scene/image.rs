@@ -39,6 +39,41 @@ pub fn load_height_map(path: &Path, zero: f32, invert: bool) -> Result<HeightMap
     Ok(HeightMap { width, height, format, texels, range, replaced })
 }
 
+/// The channels of a vector map: red, green and blue.
+#[derive(Clone, Debug)]
+pub struct VectorMap {
+    /// A map each, all of one size and format.
+    pub channels: [HeightMap; 3],
+    /// The texel value of no displacement.
+    pub zero: f32,
+}
+
+/// Loads a vector map: the red, green and blue of a picture, read linearly, whatever the file says of its colour space.
+/// Alpha is not read. Without a `zero` it is that of the format: 0 for floats, which may be negative, 0.5 for integers,
+/// which may not. Texels of which a value is NaN or infinite become `zero` whole, and are counted in each channel's
+/// [`HeightMap::replaced`].
+pub fn load_vector_map(path: &Path, zero: Option<f32>) -> Result<VectorMap, SceneError> {
+    let Picture { width, height, channels, samples } = decode(path)?;
+    if channels < 3 {
+        return Err(SceneError::NoVectors { path: path.into() });
+    }
+    let zero = zero.unwrap_or(if matches!(samples, Samples::Float32(_)) { 0.0 } else { 0.5 });
+    let channel = |i: usize| {
+        let Packed { format, texels, range, replaced } = match &samples {
+            Samples::Unorm8(codes) => pack_grey(codes.chunks_exact(channels).map(|texel| texel[i])),
+            Samples::Unorm16(codes) => pack_grey(codes.chunks_exact(channels).map(|texel| texel[i])),
+            Samples::Float32(values) => {
+                let finite = |texel: &[f32]| {
+                    if rgb(texel).iter().all(|x| x.is_finite()) { texel[i] } else { f32::NAN }
+                };
+                pack_floats(values.chunks_exact(channels).map(finite), zero, false)
+            }
+        };
+        HeightMap { width, height, format, texels, range, replaced }
+    };
+    Ok(VectorMap { channels: [channel(0), channel(1), channel(2)], zero })
+}
+
 /// Loads a colour map: 8 bits a channel stay in sRGB, 16 bits are taken for sRGB and decoded to linear floats, and
 /// floats (EXR, HDR, TIFF) are linear as they are. Alpha is not read. NaN and infinite values become 0, and a warning
 /// counts them.
@@ -88,6 +123,13 @@ impl HeightMap {
         };
         let (min, max) = self.range;
         Self { texels: self.texels.iter().map(invert).collect(), range: (1.0 - max, 1.0 - min), ..*self }
+    }
+
+    /// A map of floats, row by row from the top. `width` and `height` are at least 1, and there are as many numbers as
+    /// texels, all of them finite.
+    pub(super) fn from_floats(width: u32, height: u32, texels: impl ExactSizeIterator<Item = f32>) -> Self {
+        let Packed { format, texels, range, replaced } = pack_floats(texels, 0.0, false);
+        Self { width, height, format, texels, range, replaced }
     }
 
     /// Whether its texels have only 256 values, so that a smooth slope becomes a staircase.

@@ -9,6 +9,7 @@ mod noise;
 pub mod obj;
 pub mod scene_file;
 pub mod seams;
+mod tangents;
 
 use crate::settings::Wrap;
 use emboss_kernels::interface::{Triangle, Vertex};

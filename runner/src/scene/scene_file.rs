@@ -4,7 +4,7 @@
 use super::SceneError;
 use super::error::SceneFileProblem;
 use crate::picture::linear_from_srgb;
-use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{ChannelOrder, DisplacementKind, Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::MAX_SUBDIVISIONS;
 use glam::{DAffine3, DMat3, DVec3, EulerRot, Vec3};
 use serde::Deserialize;
@@ -22,6 +22,10 @@ pub struct SceneFile {
     pub samples: Option<u32>,
     /// `n`.
     pub subdivisions: Option<u32>,
+    /// `displacement`.
+    pub displacement: Option<DisplacementKind>,
+    /// `channels`.
+    pub channels: Option<ChannelOrder>,
     /// The materials by their names.
     pub materials: BTreeMap<String, SceneMaterial>,
     /// The models, at least one.
@@ -183,6 +187,8 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
         path: path.into(),
         samples: render.samples.map(|samples| samples.0),
         subdivisions: render.n.map(|n| n.0),
+        displacement: render.displacement,
+        channels: render.channels,
         materials,
         models,
         render,
@@ -220,6 +226,8 @@ struct RenderTable {
     samples: Option<Samples>,
     n: Option<Subdivisions>,
     method: Option<Method>,
+    displacement: Option<DisplacementKind>,
+    channels: Option<ChannelOrder>,
     normals: Option<Normals>,
     weld: Option<Weld>,
     shade: Option<Shade>,

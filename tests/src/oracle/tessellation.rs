@@ -2,9 +2,10 @@
 
 use super::relief::Relief;
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
+use super::vectors::{Axes, End, Moved};
 use super::welding::{Decided, Side, Welding, uv};
 use emboss::backend::SceneBuffers;
-use emboss_kernels::interface::{FLIPPED, normals};
+use emboss_kernels::interface::{FLIPPED, displacement_kind, normals};
 use emboss_kernels::scene::Features;
 use glam::{DVec2, DVec3};
 
@@ -63,9 +64,11 @@ pub(super) struct Base<'a> {
     buffers: &'a SceneBuffers,
     reliefs: Vec<Relief>,
     welding: Welding,
+    /// One of [`displacement_kind`].
+    pub(super) kind: u32,
     /// Whether directions stay as long as interpolation makes them.
-    linear: bool,
-    rounding: Rounding,
+    pub(super) linear: bool,
+    pub(super) rounding: Rounding,
     n: u32,
 }
 
@@ -81,7 +84,13 @@ impl<'a> Base<'a> {
         let reliefs: Vec<Relief> =
             buffers.displacements.iter().map(|map| Relief::new(buffers, map)).collect();
         let welding = Welding::new(buffers, &reliefs, count, features.seams != 0, rounding);
-        Base { buffers, reliefs, welding, linear: features.normals == normals::LINEAR, rounding, n }
+        let linear = features.normals == normals::LINEAR;
+        Base { buffers, reliefs, welding, kind: features.displacement, linear, rounding, n }
+    }
+
+    /// The maps of a vector's components, the first of them at `map`.
+    pub(super) fn components(&self, map: u32) -> &[Relief] {
+        &self.reliefs[map as usize..][..3]
     }
 }
 
@@ -162,9 +171,14 @@ impl Piece {
             n,
         };
         for (j, k) in (0..=n).flat_map(|j| (0..=n - j).map(move |k| (j, k))) {
-            let site = border.site(base, piece.weights(j, k));
-            let vertex = site.vertex(base.linear);
-            piece.error = piece.error.max(site.error(base.linear, base.rounding));
+            let w = piece.weights(j, k);
+            let (vertex, error) = if base.kind == displacement_kind::HEIGHT {
+                let site = border.site(base, w);
+                (site.vertex(base.linear), site.error(base.linear, base.rounding))
+            } else {
+                border.moved(base, w)
+            };
+            piece.error = piece.error.max(error);
             piece.min = piece.min.min(vertex);
             piece.max = piece.max.max(vertex);
             piece.vertices.push(vertex);
@@ -246,9 +260,12 @@ struct Border<'a> {
     positions: [DVec3; 3],
     normals: [DVec3; 3],
     uv: [DVec2; 3],
+    axes: [Axes; 3],
     map: u32,
     junctions: [u32; 3],
     corners: [Option<&'a Decided>; 3],
+    /// What vectors at corners are the mean of, where triangles disagree.
+    readings: [Option<&'a [Side]>; 3],
     /// The sides of the edge across from each corner, where it is a seam.
     sides: [Option<&'a [Side]>; 3],
 }
@@ -266,11 +283,45 @@ impl<'a> Border<'a> {
             positions: vertices.map(|v| v.position.as_dvec3()),
             normals: vertices.map(|v| v.normal.as_dvec3()),
             uv: vertices.map(|v| uv(&v)),
+            axes: triangle.vertices.map(|v| Axes::of_vertex(base.buffers, v)),
             map: triangle.displacement,
             junctions,
             corners: junctions.map(|junction| base.welding.decided(junction)),
+            readings: junctions.map(|junction| base.welding.readings(junction)),
             sides,
         }
+    }
+
+    /// The micro-vertex over barycentric coordinates `w` of a grid point, displaced by a vector, and how far f32 arithmetic may
+    /// move it.
+    fn moved(&self, base: &Base<'_>, w: [f64; 3]) -> (DVec3, f64) {
+        let (point, magnitude) = (mixed(w, self.positions), mixed(w, self.positions.map(DVec3::abs)));
+        let corner = (0..3).find(|&e| w[e] == 1.0);
+        let edge = (0..3).find(|&e| w[e] == 0.0);
+        let (sides, weights) = match (corner, edge) {
+            (Some(corner), _) => (self.readings[corner], [1.0, 0.0]),
+            (None, Some(edge)) => {
+                let (a, b) = ((edge + 1) % 3, (edge + 2) % 3);
+                let (from, to) = if self.junctions[a] < self.junctions[b] { (a, b) } else { (b, a) };
+                (self.sides[edge], [w[from], w[to]])
+            }
+            (None, None) => (None, [0.0; 2]),
+        };
+        let end = |weight, uv, axes| End { weight, uv, axes };
+        let vectors: Vec<Moved> = match sides {
+            Some(sides) => sides
+                .iter()
+                .map(|side| {
+                    let [start, last] = side.axes;
+                    let ends = [end(weights[0], side.start, start), end(weights[1], side.end, last)];
+                    Moved::new(base, side.map, &ends)
+                })
+                .collect(),
+            None => vec![Moved::new(base, self.map, &[0, 1, 2].map(|e| end(w[e], self.uv[e], self.axes[e])))],
+        };
+        let mean = Moved::mean(&vectors, base.rounding);
+        let rounded = (base.rounding.interpolation() + 3.0) * magnitude;
+        (point + mean.vector, mean.error + UNIT_ROUNDOFF * rounded.length())
     }
 
     /// The micro-vertex over barycentric coordinates `w` of a grid point.

@@ -7,6 +7,7 @@
 
 use super::relief::Relief;
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
+use super::vectors::Axes;
 use emboss::backend::SceneBuffers;
 use emboss_kernels::interface::{Triangle, Vertex};
 use glam::{DVec2, DVec3};
@@ -21,6 +22,8 @@ pub(super) struct Side {
     pub(super) start: DVec2,
     pub(super) end: DVec2,
     pub(super) map: u32,
+    /// What vectors are along at both ends; the same everywhere where they are along x, y and z, or there are none.
+    pub(super) axes: [Axes; 2],
 }
 
 /// What triangles that disagree at a place have in common there.
@@ -39,6 +42,8 @@ pub(super) struct Welding {
     junctions: BTreeMap<Use, u32>,
     /// Those of several uses.
     decided: BTreeMap<u32, Decided>,
+    /// The different readings at those of several uses, as sides of no length.
+    readings: BTreeMap<u32, Vec<Side>>,
     /// Edges by their junctions, the lower one first, whose triangles do not all have the same uses there: their
     /// different sides.
     seams: BTreeMap<(u32, u32), Vec<Side>>,
@@ -71,6 +76,7 @@ impl Welding {
             if uses.len() > 1 {
                 let corners: Vec<(Vertex, u32)> = uses.iter().map(|&one| (vertex(one), one.1)).collect();
                 welding.decided.insert(junction, decide(&corners, reliefs, rounding));
+                welding.readings.insert(junction, different(buffers, uses.iter().map(|&one| [one, one])));
             }
         }
         welding.seams = welding.seams(buffers, triangles);
@@ -85,6 +91,11 @@ impl Welding {
     /// What is decided at a junction.
     pub(super) fn decided(&self, junction: u32) -> Option<&Decided> {
         self.decided.get(&junction)
+    }
+
+    /// The different readings at a junction where triangles disagree.
+    pub(super) fn readings(&self, junction: u32) -> Option<&[Side]> {
+        self.readings.get(&junction).map(Vec::as_slice)
     }
 
     /// The different sides of the edge between two junctions, the lower one first; `None` where triangles agree.
@@ -103,19 +114,22 @@ impl Welding {
             }
         }
         edges.retain(|_, uses| uses.len() > 1);
-        let sides = |uses: BTreeSet<[Use; 2]>| {
-            let mut sides: Vec<Side> = Vec::new();
-            for [start, end] in uses {
-                let [from, to] = [start, end].map(|(v, _)| uv(&buffers.vertices[v as usize]));
-                let side = Side { start: from, end: to, map: start.1 };
-                if !sides.contains(&side) {
-                    sides.push(side);
-                }
-            }
-            sides
-        };
-        edges.into_iter().map(|(ends, uses)| (ends, sides(uses))).collect()
+        edges.into_iter().map(|(ends, uses)| (ends, different(buffers, uses.into_iter()))).collect()
     }
+}
+
+/// The different sides between the ends of each pair, each once.
+fn different(buffers: &SceneBuffers, uses: impl Iterator<Item = [Use; 2]>) -> Vec<Side> {
+    let mut sides: Vec<Side> = Vec::new();
+    for ends in uses {
+        let [start, end] = ends.map(|(v, _)| uv(&buffers.vertices[v as usize]));
+        let axes = ends.map(|(v, _)| Axes::of_vertex(buffers, v));
+        let side = Side { start, end, map: ends[0].1, axes };
+        if !sides.contains(&side) {
+            sides.push(side);
+        }
+    }
+    sides
 }
 
 /// Texture coordinates of a vertex.
@@ -221,7 +235,8 @@ mod tests {
         ends.sort_unstable();
         let side = |start: f64, end: f64, map| {
             let [start, end] = [start, end].map(|u| DVec2::new(u, 0.5));
-            if start_first { Side { start, end, map } } else { Side { start: end, end: start, map } }
+            let [start, end] = if start_first { [start, end] } else { [end, start] };
+            Side { start, end, map, axes: [Axes::XYZ; 2] }
         };
         assert_eq!(welding.sides(ends[0], ends[1]), Some(&[side(0.5, 0.25, 0), side(0.75, 0.5, 1)][..]));
         assert_eq!(welding.sides(shared[0].min(shared[1]), shared[0].max(shared[1])), None);

@@ -31,6 +31,7 @@ macro_rules! scene_and {
             COLOR_TEXELS,
             LIGHTS,
             MATERIALS,
+            TANGENTS,
             $($more),*
         ]
     };
@@ -221,12 +222,14 @@ impl Kernel {
                 NORMALS,
                 SEAMS,
                 SMOOTH,
+                DISPLACEMENT,
             ],
-            Kernel::TraceRays => &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS],
-            Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => {
-                &[HEIGHT_FORMAT, HEIGHT_WRAP]
+            Kernel::TraceRays => {
+                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT]
             }
-            Kernel::PrismBounds => &[NORMALS, SEAMS],
+            Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
+            Kernel::PrismBounds => &[NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }

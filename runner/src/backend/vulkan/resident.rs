@@ -26,13 +26,14 @@ const SMALLER_SIZE: &str = "use a smaller --size, or --backend cpu";
 const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
-/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`] and [`binding::MATERIALS`], which
-/// live as long as the scene.
+/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`] and
+/// [`binding::TANGENTS`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last two: the boxes, the materials.
+    /// By binding, but for the last three: the boxes, the materials, the tangents.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
+    features: Features,
     /// How many entries of the seams' table are read.
     seams: u32,
     tree: TreeState,
@@ -43,6 +44,7 @@ fn place_of(binding: u32) -> usize {
     match binding {
         binding::BOXES => binding::COUNTERS as usize + 1,
         binding::MATERIALS => binding::COUNTERS as usize + 2,
+        binding::TANGENTS => binding::COUNTERS as usize + 3,
         _ => binding as usize,
     }
 }
@@ -80,6 +82,7 @@ impl Resident {
             buffers,
             frame: *frame,
             displacements: scene.displacements.clone(),
+            features,
             // A buffer holds them.
             seams: u32::try_from(seams).unwrap_or(u32::MAX),
             tree: TreeState::new(device, frame.triangle_count)?,
@@ -131,7 +134,7 @@ impl Resident {
     ) -> Result<(), BackendError> {
         check_displacements(&self.displacements, displacements)?;
         self.displacements.copy_from_slice(displacements);
-        self.frame = with_displacements(&self.frame, displacements);
+        self.frame = with_displacements(&self.frame, displacements, self.features);
         transfers.write(commands, self.buffer(binding::DISPLACEMENTS), cast_slice(displacements))?;
         transfers.write(commands, self.buffer(binding::FRAME), bytes_of(&self.frame))?;
         self.clear_film(commands)
@@ -145,7 +148,7 @@ impl Resident {
         Ok(())
     }
 
-    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes, or of the materials.
+    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes, the materials or the tangents.
     pub(super) fn buffer(&self, binding: u32) -> &Buffer {
         &self.buffers[place_of(binding)]
     }
@@ -196,8 +199,8 @@ impl Content<'_> {
     }
 }
 
-/// What each buffer holds, in the order of bindings, boxes and materials last.
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 3] {
+/// What each buffer holds, in the order of bindings, the boxes, the materials and the tangents last.
+fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 4] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
@@ -221,6 +224,7 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         zeros("the counters", SMALLER_SCENE, counter::COUNT as u64, size_of::<Counter>()),
         zeros("the prisms' boxes", SMALLER_MODEL, 6 * triangles, size_of::<f32>()),
         uploaded("the materials", SMALLER_SCENE, cast_slice(&scene.materials)),
+        uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
     ]
 }
 
@@ -261,7 +265,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::Material;
+    use emboss_kernels::interface::{Material, Tangent};
 
     #[test]
     fn contents_stand_at_their_bindings() {
@@ -270,6 +274,7 @@ mod tests {
             displacements: vec![Displacement { map_width: 2, map_height: 1, ..Displacement::default() }],
             color_texels: vec![2; 5],
             materials: vec![Material::default(); 3],
+            tangents: vec![Tangent::default(); 3],
             ..Default::default()
         };
         let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
@@ -282,6 +287,7 @@ mod tests {
         assert_eq!(bytes(binding::NODES), 7 * 32);
         assert_eq!(bytes(binding::PRIMITIVES), 4 * 4);
         assert_eq!(bytes(binding::BOXES), 4 * 24);
+        assert_eq!(bytes(binding::TANGENTS), 3 * 16);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
         assert_eq!(bytes(binding::MATERIALS), 3 * 32);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);

@@ -18,6 +18,7 @@ pub(super) fn scene() -> BuiltinScene {
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_SIDE, MAP_SIDE, per_texel(MAP_SIDE, MAP_SIDE, bump).into_iter()),
+        sideways: None,
         color: None,
         zero: 0.0,
         scale: 0.2,

@@ -31,6 +31,7 @@ pub(super) fn scene() -> BuiltinScene {
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.0)),
+        sideways: None,
         color: Some(ColorMap::from_linear(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.1))),
         zero: 0.5,
         scale: 0.2,

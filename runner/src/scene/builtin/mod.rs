@@ -1,7 +1,9 @@
-//! Scenes made by code, for a first look and for tests: `builtin:cube`, `builtin:quilt`, `builtin:knot`.
+//! Scenes made by code, for a first look and for tests: `builtin:cube`, `builtin:quilt`, `builtin:knot`,
+//! `builtin:mushroom`.
 
 mod cube;
 mod knot;
+mod mushroom;
 mod quilt;
 
 use super::{ColorMap, HeightMap, Mesh};
@@ -13,8 +15,10 @@ use glam::Vec3;
 pub struct BuiltinScene {
     /// The base mesh.
     pub mesh: Mesh,
-    /// Its relief.
+    /// Its relief; of a vector map the component along the normal.
     pub height: HeightMap,
+    /// The components along tangent and bitangent, where its relief is a vector map.
+    pub sideways: Option<[HeightMap; 2]>,
     /// Its colours, where it has some.
     pub color: Option<ColorMap>,
     /// The texel value of no displacement.
@@ -32,7 +36,7 @@ pub struct BuiltinScene {
 }
 
 /// The names that [`load`] knows, as they are written on the command line.
-pub const NAMES: [&str; 3] = ["builtin:cube", "builtin:quilt", "builtin:knot"];
+pub const NAMES: [&str; 4] = ["builtin:cube", "builtin:quilt", "builtin:knot", "builtin:mushroom"];
 
 /// The scene of that name, `None` where there is none. The same on every call.
 pub fn load(name: &str) -> Option<BuiltinScene> {
@@ -40,6 +44,7 @@ pub fn load(name: &str) -> Option<BuiltinScene> {
         "builtin:cube" => Some(cube::scene()),
         "builtin:quilt" => Some(quilt::scene()),
         "builtin:knot" => Some(knot::scene()),
+        "builtin:mushroom" => Some(mushroom::scene()),
         _ => None,
     }
 }

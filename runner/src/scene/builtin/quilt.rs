@@ -21,6 +21,7 @@ pub(super) fn scene() -> BuiltinScene {
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_SIDE, MAP_SIDE, texels.iter().map(|t| t.0)),
+        sideways: None,
         color: Some(ColorMap::from_linear(MAP_SIDE, MAP_SIDE, texels.iter().map(|t| t.1))),
         zero: 0.0,
         scale: 0.3,

@@ -1,0 +1,191 @@
+//! The bound on the micro-vertices over a node of the [quadtree](super::quadtree) that vectors displace.
+//!
+//! Such a micro-vertex is p(w) + sum over axes of lift_a a(w), p and the axes a linear, so for fixed lifts it is a convex
+//! combination of these sums at the node's three corners. A lift is a height divided by |a| (or as it is), and lies in a
+//! range as it does for heights: each map's pyramid gives one. So every micro-vertex lies in the box around three boxes,
+//! one at each corner: the corner's point and, component by component, all that lifts within their ranges can
+//! add to it. Where an axis may vanish its unit vector may point anywhere. The frame is that of the ray.
+//!
+//! On seams it is the mean of such sums over the sides, each with its own axes and ranges, over the seam's stretch in the node:
+//! the boxes at its two ends are the means of the sides' boxes.
+
+use crate::barycentric::{interpolate, interpolate2};
+use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
+use crate::displacement::quadtree::{Bounds, Lifts, Node, RayFrame};
+use crate::displacement::surface::{BaseTriangle, HeightField, along_edge};
+use crate::displacement::vector::{Sides, Source};
+use crate::interface::{Displacement, displacement_kind, normals};
+use glam::Vec3;
+
+/// How much of [`BaseTriangle::reach`], in unit roundoffs, is in the margin of bounds. The reach is the sum of three
+/// magnitudes; lifts that are bounded are up to four times as great. An axis at a corner is off by 3 u where it is the cross
+/// product of two, by 27 u from interpolation with weights whose magnitudes add up to 3 at the most (beyond the grid's border), by
+/// 4 u and 5 u from the ray's frame, and its lift by 12 u: 204 u of the magnitude. A micro-vertex interpolates the
+/// axis with an error of 9 u, which its lift makes 36 u of the magnitude where it is bounded, and the height's division
+/// and the sums come to 16 u; sides are averaged by 3 u, here and there.
+pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
+
+/// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
+/// of which some is decided with neighbours.
+pub(super) fn of_node(
+    field: &HeightField<'_>,
+    base: &BaseTriangle,
+    frame: &RayFrame,
+    node: &Node,
+    has_seams: bool,
+) -> Bounds {
+    let n = field.subdivisions;
+    let touched = node.edges_touched(n);
+    // The node itself, then what of the triangle's corners and edges is in it.
+    let part_count = if has_seams { 7 } else { 1 };
+    let mut bounds = Bounds::EMPTY;
+    // A loop, so that the code of a part stands in a kernel once.
+    let mut part = 0;
+    while part < part_count {
+        let piece = if part == 0 {
+            let corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
+            Piece { corners, edge: NO_EDGE, sides: Sides::NONE, is_there: true }
+        } else if part <= 3 {
+            Piece::at_corner(field, base, touched, part - 1)
+        } else {
+            Piece::at_edge(field, base, touched, node, part - 4)
+        };
+        if piece.is_there {
+            let own = piece.bounds(field, base, frame);
+            bounds = bounds.including(own.min).including(own.max);
+        }
+        part += 1;
+    }
+    bounds
+}
+
+/// [`Piece::edge`] of a piece that is none of an edge.
+const NO_EDGE: u32 = 3;
+
+/// A part of a base triangle's grid that is displaced in one way.
+struct Piece {
+    /// Grid points whose triangle holds it.
+    corners: [(u32, u32); 3],
+    /// The edge on which it is, or [`NO_EDGE`].
+    edge: u32,
+    /// What decides it; the triangle itself where there is none.
+    sides: Sides,
+    /// Whether there is such a part.
+    is_there: bool,
+}
+
+impl Piece {
+    /// The triangle's corner `e`, where it is among a node's grid points and decided with neighbours. `touched`: the node's
+    /// [`edges_touched`](Node::edges_touched).
+    #[inline]
+    fn at_corner(field: &HeightField<'_>, base: &BaseTriangle, touched: u32, e: u32) -> Piece {
+        let n = field.subdivisions;
+        let sides = Sides::of_corner(&base.seams(field), e);
+        let point = (if e == 1 { n } else { 0 }, if e == 2 { n } else { 0 });
+        let is_there = touched | 1 << e == 7 && sides.count > 0;
+        Piece { corners: [point, point, point], edge: NO_EDGE, sides, is_there }
+    }
+
+    /// The part of the triangle's edge `e` within a node, where it is a seam.
+    #[inline]
+    fn at_edge(field: &HeightField<'_>, base: &BaseTriangle, touched: u32, node: &Node, e: u32) -> Piece {
+        let n = field.subdivisions;
+        let sides = Sides::of_edge(&base.seams(field), e);
+        let (start, end) = node.stretch_of_edge(e, n);
+        let (a, b) = (point_on_edge(e, start, n), point_on_edge(e, end, n));
+        let is_there = touched >> e & 1 != 0 && sides.count > 0;
+        Piece { corners: [a, b, b], edge: e, sides, is_there }
+    }
+
+    /// The box of its micro-vertices.
+    #[inline]
+    fn bounds(&self, field: &HeightField<'_>, base: &BaseTriangle, frame: &RayFrame) -> Bounds {
+        let n = field.subdivisions;
+        let (w0, w1, w2) =
+            (weights(self.corners[0], n), weights(self.corners[1], n), weights(self.corners[2], n));
+        let position = |w: Vec3| {
+            let p = frame.point(interpolate(w, base.p0, base.p1, base.p2));
+            Bounds { min: p, max: p }
+        };
+        let (mut box0, mut box1, mut box2) = (position(w0), position(w1), position(w2));
+        let alone = self.sides.count == 0;
+        let count = if alone { 1 } else { self.sides.count };
+        let share = 1.0 / count as f32;
+        let mut i = 0;
+        while i < count {
+            let (source, w0, w1, w2) = if alone {
+                (Source::of_triangle(base), w0, w1, w2)
+            } else {
+                let source = Source::of_side(&field.seam_side(self.sides.first + i));
+                // A reading at a corner is a side of no length.
+                let along = |w: Vec3| if self.edge == NO_EDGE { Vec3::X } else { along_edge(w, self.edge) };
+                (source, along(w0), along(w1), along(w2))
+            };
+            let [a, b, c] = source.corners(field);
+            let map = field.displacement(source.displacement);
+            let texel = |w: Vec3| texel_coordinates(&map, interpolate2(w, a.uv, b.uv, c.uv));
+            let (t0, t1, t2) = (texel(w0), texel(w1), texel(w2));
+            let error = texel_error(&map, a.uv.abs().max(b.uv.abs()).max(c.uv.abs()));
+            let (low, high) = (t0.min(t1).min(t2) - error, t0.max(t1).max(t2) + error);
+            let mut axis = 0;
+            while axis < 3 {
+                let map = field.displacement(source.displacement + axis);
+                let texels = field.pyramid(map).range_between(low, high);
+                let (least, greatest) =
+                    Displacement::height_range(texels.min, texels.max, map.zero, map.scale);
+                let (a, b, c) = (a.axis(axis), b.axis(axis), c.axis(axis));
+                let (a0, a1, a2) = (
+                    frame.vector(interpolate(w0, a, b, c)),
+                    frame.vector(interpolate(w1, a, b, c)),
+                    frame.vector(interpolate(w2, a, b, c)),
+                );
+                let lifts = if field.kind == displacement_kind::OBJECT || field.normals == normals::LINEAR {
+                    Lifts { min: least, max: greatest, bounded: true }
+                } else {
+                    Lifts::new(least, greatest, a0, a1, a2)
+                };
+                if lifts.bounded {
+                    let (lowest, highest) = (lifts.min * share, lifts.max * share);
+                    box0 = box0.lifted(a0 * lowest, a0 * highest);
+                    box1 = box1.lifted(a1 * lowest, a1 * highest);
+                    box2 = box2.lifted(a2 * lowest, a2 * highest);
+                } else {
+                    let reach = Vec3::splat(least.abs().max(greatest.abs()) * share);
+                    box0 = box0.lifted(-reach, reach);
+                    box1 = box1.lifted(-reach, reach);
+                    box2 = box2.lifted(-reach, reach);
+                }
+                axis += 1;
+            }
+            i += 1;
+        }
+        Bounds { min: box0.min.min(box1.min).min(box2.min), max: box0.max.max(box1.max).max(box2.max) }
+    }
+}
+
+impl Bounds {
+    /// Moved by anything between two vectors, component by component.
+    #[inline]
+    fn lifted(self, a: Vec3, b: Vec3) -> Bounds {
+        Bounds { min: self.min + a.min(b), max: self.max + a.max(b) }
+    }
+}
+
+/// Barycentric coordinates of grid point (j, k). An inverted node at the border has a corner beyond it.
+#[inline]
+fn weights((j, k): (u32, u32), n: u32) -> Vec3 {
+    let per_cell = 1.0 / n as f32;
+    Vec3::new(n as f32 - (j + k) as f32, j as f32, k as f32) * per_cell
+}
+
+/// The grid point on edge `e` that is so many cells away from the edge's first corner, the one after corner e.
+#[inline]
+fn point_on_edge(e: u32, cells: u32, n: u32) -> (u32, u32) {
+    if e == 0 {
+        (n - cells, cells)
+    } else if e == 1 {
+        (0, n - cells)
+    } else {
+        (cells, 0)
+    }
+}
