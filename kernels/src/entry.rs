@@ -291,6 +291,8 @@ pub fn decide_seams(
 pub fn prism_bounds(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
@@ -311,7 +313,14 @@ pub fn prism_bounds(
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { normals, seams: welded, displacement, ..Features::default() };
+        let features = Features {
+            height_format,
+            height_wrap,
+            normals,
+            seams: welded,
+            displacement,
+            ..Features::default()
+        };
         let scene = SceneView {
             frame,
             vertices,

@@ -227,7 +227,7 @@ impl Kernel {
             }
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
-            Kernel::PrismBounds => &[NORMALS, SEAMS, DISPLACEMENT],
+            Kernel::PrismBounds => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }
