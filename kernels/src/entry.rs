@@ -129,7 +129,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 7, default = 0))] counting: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
-    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -207,7 +207,7 @@ pub fn bound_heights(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
-    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &mut [Triangle],
@@ -256,7 +256,7 @@ pub fn decide_seams(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
-    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -301,9 +301,11 @@ pub fn decide_seams(
 pub fn prism_bounds(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
+    #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
-    #[spirv(spec_constant(id = 10, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -322,7 +324,14 @@ pub fn prism_bounds(
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { normals, seams: welded, displacement, ..Features::default() };
+        let features = Features {
+            height_format,
+            height_wrap,
+            normals,
+            seams: welded,
+            displacement,
+            ..Features::default()
+        };
         let scene = SceneView {
             frame,
             vertices,

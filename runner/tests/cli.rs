@@ -610,11 +610,85 @@ fn the_example_scene_renders() {
     assert!(alphas(&place.path("out.png")).iter().all(|&alpha| alpha == 255), "it has a background");
 }
 
+// Vector maps.
+
+/// A square in the xy plane, its u along x and its v along y.
+const SQUARE: &str =
+    "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n";
+
+/// Vectors of every format, in both spaces; mid-grey of integers and black of floats do not displace.
+#[test]
+fn vector_maps_displace_along_their_axes() {
+    let place = Place::new().with("square.obj", SQUARE);
+    let save = |name: &str, image: image::DynamicImage| image.save(place.path(name)).expect("written");
+    let ramp = |x: u32, y: u32| [x, y, x + y].map(|i| 0.1 + 0.05 * i as f32);
+    save("float.exr", image::Rgb32FImage::from_fn(8, 8, |x, y| image::Rgb(ramp(x, y))).into());
+    let codes = |x, y| image::Rgb(ramp(x, y).map(|c| (c * 65535.0) as u16));
+    save("sixteen.png", image::ImageBuffer::from_fn(8, 8, codes).into());
+    save("black.exr", image::Rgb32FImage::new(8, 8).into());
+    // 0.5 lies between two codes, half of one off; 1e-5 of the scale does not show.
+    save("grey.png", image::ImageBuffer::from_pixel(8, 8, image::Rgb([32768_u16; 3])).into());
+    let picture = |map: &str, scale: &str, options: &[&str]| {
+        let arguments = ["square.obj", "none", map, "-", scale, "8", "--shade=normal", "--eye=0.5,-2,2"];
+        place.render(&[&arguments, options].concat()).succeeded();
+        place.read("out.png")
+    };
+    let flat = picture("none", "0.5", &[]);
+    for kind in ["--displacement=tangent", "--displacement=object"] {
+        assert_eq!(picture("black.exr", "0.5", &[kind]), flat, "{kind}");
+        assert_eq!(picture("grey.png", "1e-3", &[kind]), flat, "{kind}");
+        assert_ne!(picture("float.exr", "0.5", &[kind]), flat, "{kind}");
+        assert_ne!(
+            picture("sixteen.png", "0.5", &[kind]),
+            picture("float.exr", "0.5", &[kind]),
+            "{kind}: zero"
+        );
+    }
+    // Here tangent, bitangent and normal are x, y and z.
+    let (tangent, object) = ("--displacement=tangent", "--displacement=object");
+    let of = |options: &[&str]| picture("float.exr", "0.5", options);
+    assert_eq!(of(&[tangent]), of(&[object, "--channels=+r+b+g"]));
+    assert_eq!(of(&[tangent, "--channels=+r+g+b"]), of(&[object]));
+    for program in ["blender", "mudbox", "zbrush"] {
+        assert_eq!(of(&[tangent]), of(&[tangent, &format!("--channels={program}")]));
+    }
+    assert_eq!(of(&[object, "--channels=blender"]), of(&[object, "--channels=+r+b-g"]));
+    assert_ne!(of(&[object]), of(&[object, "--channels=-r+g+b"]));
+    assert_eq!(picture("float.exr", "-0.5", &[object]), of(&[object, "--channels=-r-g-b"]));
+}
+
+/// A texel with a value that is no number does not displace, and is counted once.
+#[test]
+fn vectors_that_are_no_numbers_do_not_displace_and_are_counted() {
+    let place = Place::new().with("square.obj", SQUARE);
+    let rendered = |bad: [f32; 3]| {
+        let map =
+            image::Rgb32FImage::from_fn(4, 4, |x, y| image::Rgb(if x == y { bad } else { [0.2, 0.1, 0.3] }));
+        image::DynamicImage::from(map).save(place.path("map.exr")).expect("written");
+        let run =
+            place.render(&["square.obj", "none", "map.exr", "0.25", "0.3", "4", "--displacement=tangent"]);
+        (place.read("out.png"), run.succeeded().stderr)
+    };
+    let (picture, stderr) = rendered([1.0, f32::NAN, f32::INFINITY]);
+    assert!(stderr.contains("map.exr: 4 texels are NaN or infinite"), "{stderr}");
+    assert!(picture == rendered([0.25; 3]).0, "they displace");
+    assert!(picture != rendered([0.9; 3]).0, "these texels are not seen");
+}
+
+#[test]
+fn a_vector_map_of_one_channel_is_refused() {
+    let place = Place::new().with("square.obj", SQUARE);
+    image::GrayImage::new(4, 4).save(place.path("grey.png")).expect("written");
+    place
+        .render(&["square.obj", "none", "grey.png", "--displacement=tangent"])
+        .failed(1, &["grey.png: has one channel", "--displacement height"]);
+}
+
 // What is refused: usage.
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 18] = [
+    let cases: [(&[&str], &str); 24] = [
         (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -631,6 +705,12 @@ fn impossible_options_are_usage_errors() {
         (&["--method=magic"], "grid-walk"),
         (&["--weld=maybe"], "[possible values: on, off]"),
         (&["--normals=bent"], "[possible values: normalized, linear]"),
+        (&["--displacement=up"], "[possible values: height, tangent, object]"),
+        (&["--channels=+r+r+b"], "three different channels such as +r+b-g"),
+        (&["--channels=blender"], "name one as HEIGHT, with --displacement"),
+        (&["--displacement=object"], "the relief of builtin:knot is a height map"),
+        (&["builtin:mushroom", "--invert"], "choose the signs with --channels"),
+        (&["builtin:mushroom", "--method=grid-walk"], "use --method quadtree"),
         (&["--depth=16", "--output=a.exr"], "leave --depth out"),
         (&["--output=a.jpg"], ".png or .exr"),
     ];

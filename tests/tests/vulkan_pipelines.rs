@@ -106,6 +106,13 @@ fn scenes_without_seams_have_no_code_for_them() {
 }
 
 #[test]
+fn scenes_of_heights_have_no_code_for_vectors() {
+    let [vectors, heights] = [displacement_kind::TANGENT, displacement_kind::HEIGHT]
+        .map(|displacement| specialized("render", Features { displacement, ..ALL }));
+    assert_unread(&vectors, &heights, &[binding::TANGENTS]);
+}
+
+#[test]
 fn features_that_are_off_leave_no_code() {
     let with = specialized("render", ALL);
     let off: [(Features, &[u32]); 6] = [

@@ -144,7 +144,7 @@ pub(super) struct Node {
 impl Node {
     /// The smallest node that holds the grid.
     #[inline]
-    fn root(n: u32) -> Node {
+    pub(super) fn root(n: u32) -> Node {
         Node { j: 0, k: 0, side: n.next_power_of_two(), inverted: false, path: ROOT }
     }
 
@@ -387,6 +387,12 @@ pub(super) struct RayFrame {
 }
 
 impl RayFrame {
+    /// One that is the model's own but for its origin.
+    #[inline]
+    pub(super) fn along_axes(origin: Vec3) -> RayFrame {
+        RayFrame { x: Vec3::X, y: Vec3::Y, z: Vec3::Z, origin }
+    }
+
     /// A point in the frame.
     #[inline]
     pub(super) fn point(&self, p: Vec3) -> Vec3 {

@@ -4,7 +4,8 @@ use crate::aabb::Aabb;
 use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
-use crate::displacement::vector;
+use crate::displacement::quadtree::{Node, RayFrame};
+use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
     Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, Triangle, Vertex, displacement_kind, normals,
@@ -388,7 +389,8 @@ impl BaseTriangle {
 
     /// A box that holds every micro-triangle.
     ///
-    /// Of vector displacement the base triangle's box grown by the greatest length: axes are no longer than unit vectors.
+    /// Of vector displacement the bound that the quadtree has of the whole triangle, and the base triangle's box grown by the
+    /// greatest length (axes are no longer than unit vectors).
     ///
     /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
     /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
@@ -399,9 +401,7 @@ impl BaseTriangle {
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
         if field.is_vector() {
-            // Two more fused operations than below; the mean of a seam's sides is in its bound.
-            let reach = self.reach(field);
-            return flat.padded(reach + 32.0 * UNIT_ROUNDOFF * (magnitude + reach));
+            return self.vector_bounds(field, flat, magnitude);
         }
         let grown = flat.padded(reach);
         let shortest = self.shortest_normal();
@@ -445,6 +445,24 @@ impl BaseTriangle {
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
         // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all.
         bounds.padded(28.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
+    }
+
+    /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its greatest
+    /// coordinate.
+    fn vector_bounds(&self, field: &HeightField<'_>, flat: Aabb, magnitude: f32) -> Aabb {
+        let reach = self.reach(field);
+        // Two more fused operations than heights take; the mean of a seam's sides is in its bound.
+        let error = 32.0 * UNIT_ROUNDOFF * (magnitude + reach);
+        let grown = flat.padded(reach + error);
+        let frame = RayFrame::along_axes(self.p0);
+        let node = Node::root(field.subdivisions);
+        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field));
+        // As in the quadtree, but for the frame's axes, which are exact, and its origin, which is added again.
+        let size = max_abs(self.p1 - self.p0).max(max_abs(self.p2 - self.p0)) + reach;
+        let of_bound =
+            UNIT_ROUNDOFF * (64.0 * size + vector_bounds::ROUNDINGS_OF_REACH * reach + 2.0 * magnitude);
+        let whole = Aabb { min: local.min + self.p0, max: local.max + self.p0 };
+        whole.padded(error + of_bound).intersection(grown)
     }
 
     /// The greatest height of any micro-vertex, up or down.
@@ -632,7 +650,7 @@ mod tests {
         }
     }
 
-    /// The same where vectors displace it; without its bounds on lengths they are the map's, three at a time.
+    /// The same where vectors displace it.
     #[test]
     fn every_micro_vertex_that_vectors_displace_lies_in_the_bounds() {
         let mut numbers = Numbers::new(25);

@@ -2,10 +2,10 @@
 //! and the normal, or x, y and z. So the surface may hang over, and fold back under itself.
 //!
 //! Tangents, bitangents and normals are given at vertices and interpolated linearly, each for itself. What becomes of
-//! normals under heights becomes of all three here: they are unit vectors again where directions are normalised, so
-//! that components keep their meaning as lengths, and a vector is no longer than its components together wherever
-//! normals cancel; (Volovar leaves that open.) A vector along the normal alone gives the micro-vertex of the
-//! same height to the bit.
+//! normals under heights becomes of all three here (formula (4) leaves it open): where directions are normalised they are
+//! unit vectors again, so that components keep their meaning as lengths, and a vector is no longer than its components
+//! together, also where normals cancel. So a vector along the normal alone gives the micro-vertex of the same
+//! height to the bit.
 //!
 //! On seams the vectors of all sides are averaged, each along the axes that its side interpolates.
 

@@ -9,8 +9,6 @@ use glam::Vec3;
 /// A mesh as MikkTSpace reads it, and the tangents that it gives.
 struct Corners<'a> {
     mesh: &'a Mesh,
-    /// What positions are multiplied by: a power of two that brings the mesh to a size near 1, where areas are floats.
-    scale: f32,
     /// Three for each triangle, in its stored order.
     tangents: Vec<Tangent>,
 }
@@ -37,7 +35,7 @@ impl Geometry for Corners<'_> {
     }
 
     fn position(&self, face: usize, corner: usize) -> [f32; 3] {
-        (self.vertex(face, corner).position * self.scale).to_array()
+        self.vertex(face, corner).position.to_array()
     }
 
     fn normal(&self, face: usize, corner: usize) -> [f32; 3] {
@@ -77,10 +75,8 @@ impl Mesh {
     /// triangles have different ones (where the map is mirrored, or turns around) are split, the copies side by side: indices
     /// stay in the order of positions.
     pub fn split_by_tangents(&mut self) -> Vec<Tangent> {
-        let extent = self.bounds().map_or(0.0, |(min, max)| min.abs().max(max.abs()).max_element());
-        let scale = if extent > 0.0 { (-extent.log2().round()).exp2() } else { 1.0 };
         let tangents = vec![Tangent::default(); 3 * self.triangles.len()];
-        let mut corners = Corners { mesh: self, scale, tangents };
+        let mut corners = Corners { mesh: self, tangents };
         match generate_tangents(&mut corners) {
             Ok(()) => {}
             // The type of its errors has no values.

@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 16;
+pub(super) const MOST_BINDINGS: u32 = 17;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -229,7 +229,7 @@ impl Kernel {
             }
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
-            Kernel::PrismBounds => &[NORMALS, SEAMS, DISPLACEMENT],
+            Kernel::PrismBounds => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }

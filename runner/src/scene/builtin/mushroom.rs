@@ -61,7 +61,7 @@ pub(super) fn scene() -> BuiltinScene {
         zero: 0.0,
         scale: SCALE,
         subdivisions: 96,
-        view: Vec3::new(0.15, -1.0, 0.38).normalize(),
+        view: Vec3::new(0.15, -1.0, 0.3).normalize(),
         up: Vec3::Z,
         lights: vec![light(Vec3::new(-3.0, -3.5, 4.5), 1.0, Vec3::new(1.0, 0.95, 0.86))],
     }
