@@ -114,8 +114,10 @@ pub mod spec {
     pub const SEAMS: u32 = 9;
     /// 1 where light is reflected by the displaced surface's own normals, 0 where by those of its micro-triangles.
     pub const SMOOTH: u32 = 10;
+    /// How the colour map is read: [`color_filter`](super::color_filter).
+    pub const COLOR_FILTER: u32 = 11;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 11;
+    pub const COUNT: u32 = 12;
 }
 
 /// Values of [`spec::METHOD`].
@@ -173,6 +175,16 @@ pub mod color_format {
     pub const SRGB8: u32 = 1;
     /// Three words a texel: R, G, B as 32-bit floats, linear.
     pub const FLOAT32: u32 = 2;
+}
+
+/// Values of [`spec::COLOR_FILTER`].
+pub mod color_filter {
+    /// Between the four texels around a point.
+    pub const BILINEAR: u32 = 0;
+    /// Between the eight texels around a point on the two levels whose texels are next in size to a pixel there. Behind the
+    /// texels stand those of the other levels, each half as wide and high as the one before (rounded down, at least 1)
+    /// down to a single texel.
+    pub const TRILINEAR: u32 = 1;
 }
 
 /// Values of [`spec::HEIGHT_WRAP`] and [`spec::COLOR_WRAP`].

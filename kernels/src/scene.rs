@@ -57,6 +57,8 @@ pub struct Features {
     pub seams: u32,
     /// 1 where light is reflected by the displaced surface's own normals.
     pub smooth: u32,
+    /// See [`color_filter`](crate::interface::color_filter).
+    pub color_filter: u32,
 }
 
 impl Features {
@@ -74,6 +76,7 @@ impl Features {
             self.normals,
             self.seams,
             self.smooth,
+            self.color_filter,
         ]
     }
 }

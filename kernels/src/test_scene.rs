@@ -37,6 +37,7 @@ pub(crate) const FLAT: Features = Features {
     normals: 0,
     seams: 0,
     smooth: 0,
+    color_filter: 0,
 };
 
 impl TestScene {

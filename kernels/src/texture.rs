@@ -1,7 +1,7 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
 use crate::interface::{Displacement, color_format, height_format, wrap};
-use crate::math::{at, floor, fma};
+use crate::math::{at, floor, fma, log2};
 use glam::{Vec2, Vec3};
 
 /// The four texels around a point and their weights.
@@ -154,14 +154,65 @@ fn color_texel(texels: &[u32], format: u32, i: u32) -> Vec3 {
     }
 }
 
-/// The bilinearly filtered linear RGB of a colour map at (u, v), which must be finite.
+/// A colour map, or one of its levels.
+#[derive(Clone, Copy, Debug)]
+pub struct ColorLevel {
+    /// See [`color_format`].
+    pub format: u32,
+    /// See [`wrap`].
+    pub wrap: u32,
+    /// Texels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Index of its first texel.
+    pub first: u32,
+}
+
+impl ColorLevel {
+    /// The next one, half as wide and high. The last one, a single texel, is followed by itself.
+    #[inline]
+    fn next(self) -> ColorLevel {
+        let last = self.width == 1 && self.height == 1;
+        ColorLevel {
+            width: (self.width / 2).max(1),
+            height: (self.height / 2).max(1),
+            first: if last { self.first } else { self.first + self.width * self.height },
+            ..self
+        }
+    }
+}
+
+/// The bilinearly filtered linear RGB of a level of a colour map at (u, v), which must be finite.
 #[inline]
-pub fn sample_color(texels: &[u32], format: u32, mode: u32, width: u32, height: u32, uv: Vec2) -> Vec3 {
-    let f = footprint(uv, width, height, mode);
-    let top = color_texel(texels, format, f.texels[0]).lerp(color_texel(texels, format, f.texels[1]), f.fx);
-    let bottom =
-        color_texel(texels, format, f.texels[2]).lerp(color_texel(texels, format, f.texels[3]), f.fx);
-    top.lerp(bottom, f.fy)
+pub fn sample_color(texels: &[u32], level: ColorLevel, uv: Vec2) -> Vec3 {
+    let f = footprint(uv, level.width, level.height, level.wrap);
+    let texel = |i: usize| color_texel(texels, level.format, level.first + f.texels[i]);
+    texel(0).lerp(texel(1), f.fx).lerp(texel(2).lerp(texel(3), f.fx), f.fy)
+}
+
+/// The linear RGB of a colour map whose levels stand one behind the other, around (u, v), which must be finite: between
+/// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is not
+/// above 1 (or NaN), the last one alone where it is beyond the map.
+#[inline]
+pub fn sample_color_levels(texels: &[u32], finest: ColorLevel, uv: Vec2, side: f32) -> Vec3 {
+    // No map has more than 32 levels.
+    let lod = if side > 1.0 { log2(side).min(31.0) } else { 0.0 };
+    let below = floor(lod);
+    let mut level = finest;
+    let mut i = 0;
+    while i < below as u32 {
+        level = level.next();
+        i += 1;
+    }
+    let mut colors = [Vec3::ZERO; 2];
+    let mut i = 0;
+    while i < 2 {
+        colors[i] = sample_color(texels, level, uv);
+        level = level.next();
+        i += 1;
+    }
+    colors[0].lerp(colors[1], lod - below)
 }
 
 #[cfg(test)]
@@ -272,14 +323,24 @@ mod tests {
         let mut texels: Vec<u32> = (0..256).map(|code| (code as f32 * 2.0).to_bits()).collect();
         texels.push(u32::from_le_bytes([1, 2, 3, 255]));
         let centre = Vec2::splat(0.5);
-        assert_eq!(
-            sample_color(&texels, color_format::SRGB8, wrap::REPEAT, 1, 1, centre),
-            Vec3::new(2.0, 4.0, 6.0)
-        );
+        let map = |format| ColorLevel { format, wrap: wrap::REPEAT, width: 1, height: 1, first: 0 };
+        assert_eq!(sample_color(&texels, map(color_format::SRGB8), centre), Vec3::new(2.0, 4.0, 6.0));
         let floats = [0.5_f32, 0.25, 4.0].map(f32::to_bits);
-        assert_eq!(
-            sample_color(&floats, color_format::FLOAT32, wrap::REPEAT, 1, 1, centre),
-            Vec3::new(0.5, 0.25, 4.0)
-        );
+        assert_eq!(sample_color(&floats, map(color_format::FLOAT32), centre), Vec3::new(0.5, 0.25, 4.0));
+    }
+
+    /// Levels of 5x2, 2x1 and 1x1 texels, each of one grey: 1, 2 and 4.
+    #[test]
+    fn levels_follow_the_side_and_end_with_the_last() {
+        let greys = [1.0_f32; 10].into_iter().chain([2.0; 2]).chain([4.0]);
+        let texels: Vec<u32> = greys.flat_map(|grey| [grey.to_bits(); 3]).collect();
+        let map =
+            ColorLevel { format: color_format::FLOAT32, wrap: wrap::MIRROR, width: 5, height: 2, first: 0 };
+        let grey = |side| sample_color_levels(&texels, map, Vec2::new(0.3, 0.8), side).x;
+        for (side, want) in [(f32::NAN, 1.0), (0.0, 1.0), (1.0, 1.0), (2.0, 2.0), (4.0, 4.0)] {
+            assert_eq!(grey(side), want, "{side}");
+        }
+        assert!((grey(2.0_f32.sqrt()) - 1.5).abs() < 1e-6 && (grey(8.0_f32.sqrt()) - 3.0).abs() < 1e-6);
+        assert_eq!((grey(1e30), grey(f32::INFINITY)), (4.0, 4.0));
     }
 }

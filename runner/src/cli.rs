@@ -16,7 +16,7 @@ use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
-use crate::settings::{Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{Filter, Light, Method, Normals, Settings, Shade, Weld, Wrap};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
@@ -138,6 +138,9 @@ struct RenderArgs {
     /// How maps are read outside [0,1)
     #[arg(long, value_enum, default_value_t = Wrap::Repeat)]
     wrap: Wrap,
+    /// How the colour map is read
+    #[arg(long, value_enum, default_value_t = Filter::Bilinear)]
+    filter: Filter,
     /// Turn the height map upside down: white is low
     #[arg(long)]
     invert: bool,
@@ -410,6 +413,7 @@ impl RenderArgs {
             smooth: self.smooth,
             shadows: !self.no_shadows,
             wrap: self.wrap,
+            filter: self.filter,
             view: View { eye: self.eye, target: self.target, up: self.up, fov: self.fov, ..View::default() },
             lights: self.lights.clone(),
             ambient: self.ambient,

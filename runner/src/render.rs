@@ -7,8 +7,8 @@ use crate::framing::{self, Framing, FramingError, View};
 use crate::heights::{self, Heights};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
-use crate::scene::{ColorMap, Mesh, Relief};
-use crate::settings::{Light, Method, Settings, Weld};
+use crate::scene::{ColorMap, Mesh, Relief, mip_levels};
+use crate::settings::{Filter, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{FilmPixel, Frame, PointLight, color_format};
 use emboss_kernels::scene::Features;
@@ -173,6 +173,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         normals: settings.normals.id(),
         seams: u32::from(!seams.seams.is_empty()),
         smooth: u32::from(settings.smooth),
+        color_filter: settings.filter.id(),
     };
     let (height_min, height_max) = heights::range(&heights.displacements);
     let (color_width, color_height) = color_map.as_ref().map_or((1, 1), |map| (map.width, map.height));
@@ -200,7 +201,10 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         height_texels: heights.texels,
         seams: seams.seams,
         seam_sides: seams.sides,
-        color_texels: color_map.map_or_else(Vec::new, |map| map.texels),
+        color_texels: color_map.map_or_else(Vec::new, |map| match settings.filter {
+            Filter::Bilinear => map.texels,
+            Filter::Trilinear => mip_levels::with_levels(map),
+        }),
         ..SceneBuffers::default()
     };
     Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })

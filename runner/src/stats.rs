@@ -2,7 +2,7 @@
 
 use crate::backend::{BuildReport, DeviceInfo};
 use crate::render::{Job, Rendering};
-use crate::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{Filter, Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
 use std::io;
@@ -124,6 +124,8 @@ pub struct SettingsUsed {
     pub shadows: bool,
     /// How maps are read outside [0,1).
     pub wrap: Wrap,
+    /// How the colour map was read.
+    pub filter: Filter,
 }
 
 impl SettingsUsed {
@@ -144,6 +146,7 @@ impl SettingsUsed {
             smooth: settings.smooth,
             shadows: settings.shadows,
             wrap: settings.wrap,
+            filter: settings.filter,
         }
     }
 }

@@ -213,7 +213,7 @@ fn statistics_have_every_number() {
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
     assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"quadtree".into()));
     assert_eq!((&settings["normals"], &settings["weld"]), (&"normalized".into(), &"on".into()));
-    assert_eq!(settings["smooth"], false);
+    assert_eq!((&settings["smooth"], &settings["filter"]), (&false.into(), &"bilinear".into()));
 }
 
 #[test]
@@ -230,6 +230,18 @@ fn smooth_shading_is_asked_for_and_shows() {
         let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
         assert_eq!(stats["settings"]["smooth"], true);
     }
+}
+
+#[test]
+fn filtered_colors_are_asked_for_and_show() {
+    let place = Place::new();
+    let picture = |filter: &str| {
+        let arguments = ["render", "builtin:quilt", "-", "-", "-", "-", "2", "--size=16x12", "--samples=1"];
+        let options = ["--backend=cpu", "--output=out.png", "--filter", filter];
+        place.run(&[&arguments[..], &options].concat()).succeeded();
+        place.read("out.png")
+    };
+    assert_ne!(picture("bilinear"), picture("trilinear"));
 }
 
 // What is said.

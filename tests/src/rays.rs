@@ -381,8 +381,15 @@ fn axis_or_plane(numbers: &mut Numbers) -> Vec3 {
 /// Where the program lets a ray start that leaves a hit.
 fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
     let Intersection { point, point_error, normal, u, v, .. } = *hit;
-    let surface =
-        SurfaceInteraction { point, point_error, ng: normal, ns: normal, uv: Vec2::new(u, v), height: 0.0 };
+    let surface = SurfaceInteraction {
+        point,
+        point_error,
+        ng: normal,
+        ns: normal,
+        uv: Vec2::new(u, v),
+        uv_density: 0.0,
+        height: 0.0,
+    };
     surface.spawn_origin(direction)
 }
 

@@ -2,7 +2,7 @@
 //! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
 //! out what cannot be reached.
 
-use emboss_kernels::interface::{binding, color_format, height_format, method, normals, shade};
+use emboss_kernels::interface::{binding, color_filter, color_format, height_format, method, normals, shade};
 use emboss_kernels::scene::Features;
 use rspirv::dr::Operand;
 use rspirv::spirv::{Decoration, Word};
@@ -24,6 +24,7 @@ const ALL: Features = Features {
     normals: normals::NORMALIZED,
     seams: 1,
     smooth: 1,
+    color_filter: color_filter::TRILINEAR,
 };
 
 /// What is left of an entry point.
@@ -105,13 +106,14 @@ fn scenes_without_seams_have_no_code_for_them() {
 #[test]
 fn features_that_are_off_leave_no_code() {
     let with = specialized("render", ALL);
-    let off: [(Features, &[u32]); 6] = [
+    let off: [(Features, &[u32]); 7] = [
         (Features { shadows: 0, ..ALL }, &[]),
         (Features { color_format: color_format::NONE, ..ALL }, &[binding::COLOR_TEXELS]),
         (Features { normals: normals::LINEAR, ..ALL }, &[]),
         (Features { shade: shade::NORMAL, ..ALL }, &[binding::LIGHTS, binding::COLOR_TEXELS]),
         (Features { counters: 0, ..ALL }, &[]),
         (Features { smooth: 0, ..ALL }, &[]),
+        (Features { color_filter: color_filter::BILINEAR, ..ALL }, &[]),
     ];
     for (features, unread) in off {
         let without = specialized("render", features);

@@ -7,11 +7,12 @@ pub mod vulkan;
 
 use crate::bvh::Bvh;
 use crate::heights;
+use crate::scene::mip_levels;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
     Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, NO_SEAMS, PointLight, Ray, SeamSide,
-    Seams, Triangle, Vertex, color_format, counter, height_format, method,
+    Seams, Triangle, Vertex, color_filter, color_format, counter, height_format, method,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -95,10 +96,15 @@ impl SceneBuffers {
         let maps = self.displacements.len();
         let names_a_map = |triangle: &Triangle| (triangle.displacement as usize) < maps;
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
+        let color_texels = if features.color_filter == color_filter::BILINEAR {
+            u64::from(frame.color_width) * u64::from(frame.color_height)
+        } else {
+            mip_levels::texels(frame.color_width, frame.color_height)
+        };
         let color_words = match features.color_format {
             color_format::NONE => 0,
-            color_format::SRGB8 => map_words(frame.color_width, frame.color_height, |texels| 256 + texels),
-            _ => map_words(frame.color_width, frame.color_height, |texels| 3 * texels),
+            color_format::SRGB8 => color_texels.saturating_add(256),
+            _ => color_texels.saturating_mul(3),
         };
         let color_is_sound = features.color_format == color_format::NONE
             || frame.color_width > 0
@@ -467,5 +473,18 @@ mod tests {
             let error = scene.check(&frame, features).expect_err(expected).to_string();
             assert!(error.contains(expected), "{error}");
         }
+    }
+
+    /// 3 x 3 texels, and the one of the level behind them.
+    #[test]
+    fn levels_of_the_colour_map_are_checked_where_they_are_read() {
+        let (mut scene, frame, features) = sound();
+        let filtered = Features { color_filter: color_filter::TRILINEAR, ..features };
+        let error = scene.check(&frame, filtered).expect_err("a texel too few").to_string();
+        assert!(error.contains("colour map"), "{error}");
+        let endless = Frame { color_width: u32::MAX, color_height: u32::MAX, ..frame };
+        assert!(scene.check(&endless, filtered).is_err());
+        scene.color_texels.push(0);
+        assert!(scene.check(&frame, filtered).is_ok());
     }
 }

@@ -220,6 +220,7 @@ impl Kernel {
                 NORMALS,
                 SEAMS,
                 SMOOTH,
+                COLOR_FILTER,
             ],
             Kernel::TraceRays => &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS],
             Kernel::HeightPyramid | Kernel::BoundHeights | Kernel::DecideSeams => {
