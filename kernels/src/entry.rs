@@ -43,6 +43,7 @@ pub fn render(
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] color_filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -89,6 +90,7 @@ pub fn render(
         seams: welded,
         smooth,
         displacement,
+        color_filter,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {

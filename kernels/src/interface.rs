@@ -120,8 +120,10 @@ pub mod spec {
     pub const SMOOTH: u32 = 10;
     /// What the height maps' texels displace along: [`displacement_kind`](super::displacement_kind).
     pub const DISPLACEMENT: u32 = 11;
+    /// How the colour map is read: [`color_filter`](super::color_filter).
+    pub const COLOR_FILTER: u32 = 12;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 12;
+    pub const COUNT: u32 = 13;
 }
 
 /// Values of [`spec::METHOD`].
@@ -194,6 +196,16 @@ pub mod color_format {
     pub const FLOAT32: u32 = 2;
     /// Materials differ: each says it in [`Material::color_format`](super::Material::color_format).
     pub const PER_MATERIAL: u32 = 3;
+}
+
+/// Values of [`spec::COLOR_FILTER`].
+pub mod color_filter {
+    /// Between the four texels around a point.
+    pub const BILINEAR: u32 = 0;
+    /// Between the eight texels around a point on the two levels whose texels are next in size to a pixel there. Behind the
+    /// texels stand those of the other levels, each half as wide and high as the one before (rounded down, at least 1)
+    /// down to a single texel.
+    pub const TRILINEAR: u32 = 1;
 }
 
 /// Values of [`spec::HEIGHT_WRAP`], [`spec::COLOR_WRAP`] and, but for the last one, of [`Displacement::wrap`] and

@@ -113,6 +113,12 @@ pub fn sqrt(x: f32) -> f32 {
     x.sqrt()
 }
 
+/// Binary logarithm of a positive `x`.
+#[inline]
+pub fn log2(x: f32) -> f32 {
+    x.log2()
+}
+
 /// The greatest integer not above `x`.
 #[inline]
 pub fn floor(x: f32) -> f32 {

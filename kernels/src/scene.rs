@@ -65,6 +65,8 @@ pub struct Features {
     pub smooth: u32,
     /// See [`displacement_kind`](crate::interface::displacement_kind).
     pub displacement: u32,
+    /// See [`color_filter`](crate::interface::color_filter).
+    pub color_filter: u32,
 }
 
 impl Features {
@@ -83,6 +85,7 @@ impl Features {
             self.seams,
             self.smooth,
             self.displacement,
+            self.color_filter,
         ]
     }
 }

@@ -7,12 +7,12 @@ use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
 use crate::hit::Hit;
-use crate::interface::{color_format, method, shade, wrap};
-use crate::math::{at, cross, dot, gamma, next_down, next_up, unit};
+use crate::interface::{Material, color_filter, color_format, method, shade, wrap};
+use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
-use crate::texture::sample_color;
+use crate::texture::{ColorLevel, sample_color, sample_color_levels};
 use glam::{UVec4, Vec2, Vec3};
 
 /// A hit with what shading needs to know of the surface there.
@@ -32,6 +32,9 @@ pub struct SurfaceInteraction {
     pub uv: Vec2,
     /// Index of its [`Material`](crate::interface::Material).
     pub material: u32,
+    /// How much of the map a unit of length shows: the root of the micro-triangle's area in texture coordinates over its
+    /// area. 0 where it has no extent in the map.
+    pub uv_density: f32,
     /// Height that the triangle's own map gives there, in model units (seams may decide another), or the vector's length;
     /// 0 where nothing is displaced.
     pub height: f32,
@@ -59,7 +62,8 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
-        let n = unit(cross(p[1] - p[0], p[2] - p[0]));
+        let area = cross(p[1] - p[0], p[2] - p[0]);
+        let n = unit(area);
         let ng = if base.flipped { -n } else { n };
         let ns = if features.smooth == 0 {
             ng
@@ -69,6 +73,7 @@ impl SurfaceInteraction {
             base.shading_normal(&field, w, ng)
         };
         let uv = base.uv(w);
+        let parts = if features.method == method::NONE { 1 } else { field.subdivisions };
         SurfaceInteraction {
             point: interpolate(b, p[0], p[1], p[2]),
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
@@ -76,6 +81,8 @@ impl SurfaceInteraction {
             ns,
             uv,
             material: base.material,
+            uv_density: sqrt((base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs() / dot(area, n))
+                / parts as f32,
             height: if features.method == method::NONE { 0.0 } else { height(&field, &base, uv) },
         }
     }
@@ -161,7 +168,7 @@ fn lit(
     counts: &mut Counts,
 ) -> Vec3 {
     let frame = scene.frame;
-    let albedo = albedo(scene, features, surface);
+    let albedo = albedo(scene, features, ray, hit, surface);
     let behind = dot(ray.direction, surface.ng) > 0.0;
     let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
     let mut light = Vec3::splat(frame.ambient);
@@ -189,17 +196,27 @@ fn lit(
     albedo * light
 }
 
-/// Linear RGB of the surface.
+/// Linear RGB of the surface at a hit of a primary ray.
 #[inline]
-fn albedo(scene: &SceneView<'_>, features: Features, surface: &SurfaceInteraction) -> Vec3 {
+fn albedo(
+    scene: &SceneView<'_>,
+    features: Features,
+    ray: &TraversalRay,
+    hit: Hit,
+    surface: &SurfaceInteraction,
+) -> Vec3 {
     let material = at(scene.materials, surface.material);
     let per_material = features.color_format == color_format::PER_MATERIAL;
     let format = if per_material { material.color_format } else { features.color_format };
     let wrap = if features.color_wrap == wrap::PER_MAP { material.color_wrap } else { features.color_wrap };
+    let map = ColorLevel::finest(&material, format, wrap);
     if format == color_format::NONE {
         material.albedo
+    } else if features.color_filter == color_filter::BILINEAR {
+        sample_color(scene.color_texels, map, surface.uv)
     } else {
-        sample_color(scene.color_texels, format, wrap, &material, surface.uv)
+        let side = footprint_texels(scene, &material, ray, hit, surface);
+        sample_color_levels(scene.color_texels, map, surface.uv, side)
     }
 }
 
@@ -217,6 +234,26 @@ fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {
     let whole = shading * between;
     let g = if geometric < whole { geometric / whole } else { 1.0 };
     shading * (g * (1.0 + g * (1.0 - g)))
+}
+
+/// How many texels of the colour map a pixel's side covers at a hit of a primary ray, where it covers most.
+///
+/// The pixel is a cone around the ray: Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved Shader
+/// and Texture Level of Detail Using Ray Cones", JCGT 10(1), 2021. Its width at distance t is t times the pixel's side at
+/// distance 1, and on the surface that over the cosine; the density of texels is that of the micro-triangle where the
+/// paper has a triangle's. Not finite where the ray runs along the micro-triangle.
+#[inline]
+fn footprint_texels(
+    scene: &SceneView<'_>,
+    material: &Material,
+    ray: &TraversalRay,
+    hit: Hit,
+    surface: &SurfaceInteraction,
+) -> f32 {
+    let frame = scene.frame;
+    let pixel = 2.0 * frame.camera.up.length() / frame.height as f32;
+    let density = surface.uv_density * sqrt(material.color_width as f32 * material.color_height as f32);
+    hit.t * pixel * density / dot(ray.direction, surface.ng).abs()
 }
 
 /// Whether the displaced surface stands between a hit and a light.
@@ -391,6 +428,7 @@ mod tests {
             ns: Vec3::Z,
             uv: Vec2::ZERO,
             material: 0,
+            uv_density: 0.0,
             height: 0.0,
         };
         for direction in [surface.ng, -surface.ng] {

@@ -40,6 +40,7 @@ pub(crate) const FLAT: Features = Features {
     seams: 0,
     smooth: 0,
     displacement: 0,
+    color_filter: 0,
 };
 
 impl TestScene {

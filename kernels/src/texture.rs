@@ -1,7 +1,7 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
 use crate::interface::{Displacement, Material, color_format, height_format, wrap};
-use crate::math::{at, floor, fma};
+use crate::math::{at, floor, fma, log2};
 use glam::{Vec2, Vec3};
 
 /// The four texels around a point and their weights.
@@ -154,14 +154,74 @@ fn color_texel(texels: &[u32], format: u32, first: u32, i: u32) -> Vec3 {
     }
 }
 
-/// The bilinearly filtered linear RGB of a material's colour map at (u, v), which must be finite.
+/// A colour map, or one of its levels.
+#[derive(Clone, Copy, Debug)]
+pub struct ColorLevel {
+    /// See [`color_format`].
+    pub format: u32,
+    /// See [`wrap`].
+    pub wrap: u32,
+    /// Texels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// First word of the map, its table's where it has one.
+    pub first_word: u32,
+    /// Index of its first texel in the map.
+    pub first: u32,
+}
+
+impl ColorLevel {
+    /// A material's colour map, stored and wrapped so.
+    #[inline]
+    pub fn finest(material: &Material, format: u32, wrap: u32) -> ColorLevel {
+        let &Material { color_width: width, color_height: height, first_word, .. } = material;
+        ColorLevel { format, wrap, width, height, first_word, first: 0 }
+    }
+
+    /// The next one, half as wide and high. The last one, a single texel, is followed by itself.
+    #[inline]
+    fn next(self) -> ColorLevel {
+        let last = self.width == 1 && self.height == 1;
+        ColorLevel {
+            width: (self.width / 2).max(1),
+            height: (self.height / 2).max(1),
+            first: if last { self.first } else { self.first + self.width * self.height },
+            ..self
+        }
+    }
+}
+
+/// The bilinearly filtered linear RGB of a level of a colour map at (u, v), which must be finite.
 #[inline]
-pub fn sample_color(texels: &[u32], format: u32, mode: u32, material: &Material, uv: Vec2) -> Vec3 {
-    let f = footprint(uv, material.color_width, material.color_height, mode);
-    let texel = |i: usize| color_texel(texels, format, material.first_word, f.texels[i]);
-    let top = texel(0).lerp(texel(1), f.fx);
-    let bottom = texel(2).lerp(texel(3), f.fx);
-    top.lerp(bottom, f.fy)
+pub fn sample_color(texels: &[u32], level: ColorLevel, uv: Vec2) -> Vec3 {
+    let f = footprint(uv, level.width, level.height, level.wrap);
+    let texel = |i: usize| color_texel(texels, level.format, level.first_word, level.first + f.texels[i]);
+    texel(0).lerp(texel(1), f.fx).lerp(texel(2).lerp(texel(3), f.fx), f.fy)
+}
+
+/// The linear RGB of a colour map whose levels stand one behind the other, around (u, v), which must be finite: between
+/// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is not
+/// above 1 (or NaN), the last one alone where it is beyond the map.
+#[inline]
+pub fn sample_color_levels(texels: &[u32], finest: ColorLevel, uv: Vec2, side: f32) -> Vec3 {
+    // No map has more than 32 levels.
+    let lod = if side > 1.0 { log2(side).min(31.0) } else { 0.0 };
+    let below = floor(lod);
+    let mut level = finest;
+    let mut i = 0;
+    while i < below as u32 {
+        level = level.next();
+        i += 1;
+    }
+    let mut colors = [Vec3::ZERO; 2];
+    let mut i = 0;
+    while i < 2 {
+        colors[i] = sample_color(texels, level, uv);
+        level = level.next();
+        i += 1;
+    }
+    colors[0].lerp(colors[1], lod - below)
 }
 
 #[cfg(test)]
@@ -275,9 +335,24 @@ mod tests {
         texels.push(u32::from_le_bytes([1, 2, 3, 255]));
         let sample = |format, first_word| {
             let map = Material { color_width: 1, color_height: 1, first_word, ..Material::default() };
-            sample_color(&texels, format, wrap::REPEAT, &map, Vec2::splat(0.5))
+            sample_color(&texels, ColorLevel::finest(&map, format, wrap::REPEAT), Vec2::splat(0.5))
         };
         assert_eq!(sample(color_format::SRGB8, 3), Vec3::new(2.0, 4.0, 6.0));
         assert_eq!(sample(color_format::FLOAT32, 0), Vec3::new(0.5, 0.25, 4.0));
+    }
+
+    /// Levels of 5x2, 2x1 and 1x1 texels, each of one grey: 1, 2 and 4; behind a word of another map.
+    #[test]
+    fn levels_follow_the_side_and_end_with_the_last() {
+        let greys = [1.0_f32; 10].into_iter().chain([2.0; 2]).chain([4.0]);
+        let texels: Vec<u32> = std::iter::once(0).chain(greys.flat_map(|grey| [grey.to_bits(); 3])).collect();
+        let material = Material { color_width: 5, color_height: 2, first_word: 1, ..Material::default() };
+        let map = ColorLevel::finest(&material, color_format::FLOAT32, wrap::MIRROR);
+        let grey = |side| sample_color_levels(&texels, map, Vec2::new(0.3, 0.8), side).x;
+        for (side, want) in [(f32::NAN, 1.0), (0.0, 1.0), (1.0, 1.0), (2.0, 2.0), (4.0, 4.0)] {
+            assert_eq!(grey(side), want, "{side}");
+        }
+        assert!((grey(2.0_f32.sqrt()) - 1.5).abs() < 1e-6 && (grey(8.0_f32.sqrt()) - 3.0).abs() < 1e-6);
+        assert_eq!((grey(1e30), grey(f32::INFINITY)), (4.0, 4.0));
     }
 }

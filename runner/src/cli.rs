@@ -17,7 +17,9 @@ use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
 use crate::scene::scene_file::SceneFile;
-use crate::settings::{ChannelOrder, DisplacementKind, Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{
+    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Weld, Wrap,
+};
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
@@ -153,6 +155,9 @@ struct RenderArgs {
     /// How all maps are read outside [0,1) [default: as their materials say, else repeat]
     #[arg(long, value_enum)]
     wrap: Option<Wrap>,
+    /// How colour maps are read [default: bilinear]
+    #[arg(long, value_enum)]
+    filter: Option<Filter>,
     /// Turn the height map upside down: white is low
     #[arg(long)]
     invert: bool,
@@ -441,6 +446,7 @@ impl RenderArgs {
             smooth: base.smooth || self.smooth,
             shadows: base.shadows && !self.no_shadows,
             wrap: self.wrap.unwrap_or(base.wrap),
+            filter: self.filter.unwrap_or(base.filter),
             view,
             lights: if self.lights.is_empty() { base.lights } else { self.lights.clone() },
             ambient: self.ambient.unwrap_or(base.ambient),

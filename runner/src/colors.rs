@@ -3,7 +3,8 @@
 use crate::heights::{common, grown};
 use crate::render::RenderError;
 use crate::scene::Material;
-use crate::settings::Wrap;
+use crate::scene::mip_levels;
+use crate::settings::{Filter, Wrap};
 use emboss_kernels::interface::{self, color_format, wrap};
 use std::sync::Arc;
 
@@ -22,11 +23,11 @@ pub struct Colors {
 
 impl Colors {
     /// Packs the colour maps of `materials`, each once however many share it. `usual_wrap` is that of materials that do
-    /// not say theirs.
+    /// not say theirs; `filter` is how all are read.
     ///
     /// # Errors
     /// [`RenderError::MapsTooLarge`] where they are more words than 32 bits can number.
-    pub fn pack(materials: Vec<Material>, usual_wrap: Wrap) -> Result<Colors, RenderError> {
+    pub fn pack(materials: Vec<Material>, usual_wrap: Wrap, filter: Filter) -> Result<Colors, RenderError> {
         let mut packed: Vec<interface::Material> = Vec::with_capacity(materials.len());
         let mut words = 0;
         for (i, material) in materials.iter().enumerate() {
@@ -38,7 +39,7 @@ impl Colors {
             let shares = |other: &Material| other.color.as_ref().is_some_and(|other| Arc::ptr_eq(other, map));
             let first_word = match materials[..i].iter().position(shares) {
                 Some(other) => packed[other].first_word,
-                None => grown(&mut words, map.texels.len() as u64)?,
+                None => grown(&mut words, mip_levels::words(map, filter))?,
             };
             packed.push(interface::Material {
                 color_format: map.format,
@@ -56,9 +57,9 @@ impl Colors {
         for (material, packed) in materials.into_iter().zip(&packed) {
             let Some(map) = material.color else { continue };
             if texels.is_empty() {
-                texels = Arc::unwrap_or_clone(map).texels;
+                texels = mip_levels::packed(map, filter);
             } else if packed.first_word as usize == texels.len() {
-                texels.extend_from_slice(&map.texels);
+                texels.extend(mip_levels::packed(map, filter));
             }
         }
         Ok(Colors { materials: packed, texels, format, wrap })
@@ -88,7 +89,7 @@ mod tests {
             Material { albedo: Vec3::X, ..material(Some(&b), Some(Wrap::Mirror)) },
             material(Some(&a), Some(Wrap::Mirror)),
         ];
-        let colors = Colors::pack(materials, Wrap::Mirror).expect("small");
+        let colors = Colors::pack(materials, Wrap::Mirror, Filter::Bilinear).expect("small");
         let firsts: Vec<_> = colors.materials.iter().map(|material| material.first_word).collect();
         assert_eq!((firsts, colors.texels.len()), (vec![0, 0, 257, 0], 260));
         assert_eq!((colors.texels[256], colors.texels[257]), (256, 0));
@@ -101,11 +102,26 @@ mod tests {
     fn what_is_alike_is_known() {
         let a = map(color_format::SRGB8, 257);
         let alike = vec![material(Some(&a), None), material(Some(&map(color_format::SRGB8, 257)), None)];
-        let colors = Colors::pack(alike, Wrap::Clamp).expect("small");
+        let colors = Colors::pack(alike, Wrap::Clamp, Filter::Bilinear).expect("small");
         assert_eq!((colors.format, colors.wrap), (color_format::SRGB8, wrap::CLAMP));
         let none = Colors::pack(vec![material(None, None); 2], Wrap::Clamp).expect("small");
         assert_eq!((none.format, none.texels.len()), (color_format::NONE, 0));
         let wraps = vec![material(Some(&a), None), material(Some(&a), Some(Wrap::Mirror))];
-        assert_eq!(Colors::pack(wraps, Wrap::Clamp).expect("small").wrap, wrap::PER_MAP);
+        assert_eq!(Colors::pack(wraps, Wrap::Clamp, Filter::Bilinear).expect("small").wrap, wrap::PER_MAP);
+    }
+
+    /// Words of all levels, so that the next map begins behind them.
+    #[test]
+    fn filtered_maps_have_their_levels_behind_them() {
+        let sized = |format, table: u32, words: u32| {
+            let texels = (0..table + 15 * words).collect();
+            Arc::new(ColorMap { width: 5, height: 3, format, texels })
+        };
+        let maps = [sized(color_format::SRGB8, 256, 1), sized(color_format::FLOAT32, 0, 3)];
+        let materials = maps.iter().map(|map| material(Some(map), None)).collect();
+        let colors = Colors::pack(materials, Wrap::Clamp, Filter::Trilinear).expect("small");
+        // 5x3, 2x1 and 1x1.
+        assert_eq!([0, 1].map(|i| colors.materials[i].first_word), [0, 256 + 18]);
+        assert_eq!(colors.texels.len(), 256 + 18 + 3 * 18);
     }
 }

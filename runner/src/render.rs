@@ -184,7 +184,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         Weld::Off => SeamTable::default(),
     };
     let heights = Heights::pack(reliefs, settings.method != Method::None, settings.wrap)?;
-    let colors = Colors::pack(materials, settings.wrap)?;
+    let colors = Colors::pack(materials, settings.wrap, settings.filter)?;
     let features = Features {
         method: settings.method.id(),
         shade: settings.shade.id(),
@@ -198,6 +198,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         seams: u32::from(!seams.seams.is_empty()),
         smooth: u32::from(settings.smooth),
         displacement: settings.displacement.id(),
+        color_filter: settings.filter.id(),
     };
     let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {

@@ -1,7 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{displacement_kind, method, normals, shade, wrap};
+use emboss_kernels::interface::{color_filter, displacement_kind, method, normals, shade, wrap};
 use glam::Vec3;
 use std::str::FromStr;
 
@@ -225,6 +225,26 @@ impl Wrap {
     }
 }
 
+/// How the colour map is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Filter {
+    /// Between the four texels around a point: from afar it needs many samples
+    Bilinear,
+    /// Between levels of the map, as large as the pixel is on the surface
+    Trilinear,
+}
+
+impl Filter {
+    /// Its value for the kernels.
+    pub fn id(self) -> u32 {
+        match self {
+            Filter::Bilinear => color_filter::BILINEAR,
+            Filter::Trilinear => color_filter::TRILINEAR,
+        }
+    }
+}
+
 /// A point light as the user gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
@@ -263,6 +283,8 @@ pub struct Settings {
     pub shadows: bool,
     /// How maps are read outside [0,1) unless they say it themselves.
     pub wrap: Wrap,
+    /// How the colour map is read.
+    pub filter: Filter,
     /// Where the camera is.
     pub view: View,
     /// The lights. Empty: the key light of the camera ([`key_light`](crate::framing::key_light)).
@@ -297,6 +319,7 @@ impl Default for Settings {
             smooth: false,
             shadows: true,
             wrap: Wrap::Repeat,
+            filter: Filter::Bilinear,
             view: View::default(),
             lights: Vec::new(),
             ambient: 0.1,

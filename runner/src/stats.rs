@@ -2,7 +2,7 @@
 
 use crate::backend::{BuildReport, DeviceInfo};
 use crate::render::{Job, Rendering, Scene};
-use crate::settings::{DisplacementKind, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
 use std::io;
@@ -128,6 +128,8 @@ pub struct SettingsUsed {
     pub shadows: bool,
     /// How maps are read outside [0,1); null where they differ.
     pub wrap: Option<Wrap>,
+    /// How colour maps were read.
+    pub filter: Filter,
 }
 
 impl SettingsUsed {
@@ -151,6 +153,7 @@ impl SettingsUsed {
             smooth: settings.smooth,
             shadows: settings.shadows,
             wrap: agreed(wraps.map(|wrap| wrap.unwrap_or(settings.wrap))),
+            filter: settings.filter,
         }
     }
 }

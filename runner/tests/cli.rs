@@ -213,7 +213,7 @@ fn statistics_have_every_number() {
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
     assert_eq!((&settings["width"], &settings["method"]), (&16.into(), &"quadtree".into()));
     assert_eq!((&settings["normals"], &settings["weld"]), (&"normalized".into(), &"on".into()));
-    assert_eq!(settings["smooth"], false);
+    assert_eq!((&settings["smooth"], &settings["filter"]), (&false.into(), &"bilinear".into()));
 }
 
 #[test]
@@ -230,6 +230,18 @@ fn smooth_shading_is_asked_for_and_shows() {
         let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
         assert_eq!(stats["settings"]["smooth"], true);
     }
+}
+
+#[test]
+fn filtered_colors_are_asked_for_and_show() {
+    let place = Place::new();
+    let picture = |filter: &str| {
+        let arguments = ["render", "builtin:quilt", "-", "-", "-", "-", "2", "--size=16x12", "--samples=1"];
+        let options = ["--backend=cpu", "--output=out.png", "--filter", filter];
+        place.run(&[&arguments[..], &options].concat()).succeeded();
+        place.read("out.png")
+    };
+    assert_ne!(picture("bilinear"), picture("trilinear"));
 }
 
 // What is said.
@@ -623,6 +635,7 @@ fn vector_maps_displace_along_their_axes() {
     let save = |name: &str, image: image::DynamicImage| image.save(place.path(name)).expect("written");
     let ramp = |x: u32, y: u32| [x, y, x + y].map(|i| 0.1 + 0.05 * i as f32);
     save("float.exr", image::Rgb32FImage::from_fn(8, 8, |x, y| image::Rgb(ramp(x, y))).into());
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within [0, 1]")]
     let codes = |x, y| image::Rgb(ramp(x, y).map(|c| (c * 65535.0) as u16));
     save("sixteen.png", image::ImageBuffer::from_fn(8, 8, codes).into());
     save("black.exr", image::Rgb32FImage::new(8, 8).into());

@@ -426,6 +426,7 @@ fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
         ns: normal,
         uv: Vec2::new(u, v),
         material: 0,
+        uv_density: 0.0,
         height: 0.0,
     };
     surface.spawn_origin(direction)

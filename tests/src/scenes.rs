@@ -105,6 +105,13 @@ impl ReadyJob {
         self.scene.view()
     }
 
+    /// Takes the job's lights away; only ambient light is left.
+    pub fn leave_no_light(&mut self) {
+        self.job.buffers.lights.clear();
+        self.job.frame.light_count = 0;
+        self.scene.set_view(&self.job.frame, &[]).expect("the frame counts no light");
+    }
+
     /// Puts the job's only light elsewhere.
     ///
     /// # Panics

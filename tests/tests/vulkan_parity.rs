@@ -7,7 +7,7 @@ use emboss::backend::{Backend, Totals};
 use emboss::picture::Picture;
 use emboss::render::{Job, Scene};
 use emboss::scene::{ColorMap, HeightMap, Material, Relief};
-use emboss::settings::{Method, Normals, Settings, Shade, Weld, Wrap};
+use emboss::settings::{Filter, Method, Normals, Settings, Shade, Weld, Wrap};
 use emboss_kernels::interface::{Intersection, MISS, Ray, color_format, counter, height_format, wrap};
 use emboss_kernels::math::{UNIT_ROUNDOFF, gamma, max_abs};
 use emboss_kernels::scene::Features;
@@ -241,6 +241,28 @@ fn materials_are_alike() {
         other.reliefs[i].scale = 0.1;
         let other = rendered(&mut CpuBackend::new(), &job(&other), SAMPLES);
         assert!(Comparison::new(&other, &picture, VISIBLE).strays() > 20, "relief {i} does not show");
+    }
+    finish(backend);
+}
+
+/// Levels of maps with odd sides, in both formats, displaced and not, from so far away that most levels are read.
+#[test]
+fn filtered_colors_are_alike() {
+    let mut backend = lavapipe();
+    for (format, method) in
+        [color_format::SRGB8, color_format::FLOAT32].into_iter().zip([Method::None, Method::Quadtree])
+    {
+        let (mut scene, settings) = overhanging_quilt();
+        scene.materials = vec![colors(format).into()];
+        scene
+            .mesh
+            .vertices
+            .iter_mut()
+            .for_each(|vertex| (vertex.u, vertex.v) = (vertex.u * 4.0, vertex.v * 9.0));
+        let settings = Settings { method, filter: Filter::Trilinear, ..settings };
+        let picture = assert_alike(&mut backend, &job(scene.clone(), &settings), &format!("format {format}"));
+        let plain = job(scene, &Settings { filter: Filter::Bilinear, ..settings });
+        assert!(against_cpu(&plain, SAMPLES, &picture).strays() > 100, "the filter does not show");
     }
     finish(backend);
 }

@@ -7,12 +7,13 @@ pub mod vulkan;
 
 use crate::bvh::Bvh;
 use crate::heights;
+use crate::scene::mip_levels;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
     Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS, PointLight, Ray,
-    SeamSide, Seams, Tangent, Triangle, Vertex, color_format, counter, displacement_kind, height_format,
-    method, wrap,
+    SeamSide, Seams, Tangent, Triangle, Vertex, color_filter, color_format, counter, displacement_kind,
+    height_format, method, wrap,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -123,9 +124,16 @@ impl SceneBuffers {
             features.displacement != displacement_kind::TANGENT || self.tangents.len() >= self.vertices.len();
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
         let names_a_material = |triangle: &Triangle| (triangle.material() as usize) < self.materials.len();
-        let color_words = |map: &Material| match map.color_format {
-            color_format::SRGB8 => map_words(map.color_width, map.color_height, |texels| 256 + texels),
-            _ => map_words(map.color_width, map.color_height, |texels| 3 * texels),
+        let color_words = |map: &Material| {
+            let texels = if features.color_filter == color_filter::BILINEAR {
+                u64::from(map.color_width) * u64::from(map.color_height)
+            } else {
+                mip_levels::texels(map.color_width, map.color_height)
+            };
+            match map.color_format {
+                color_format::SRGB8 => texels.saturating_add(256),
+                _ => texels.saturating_mul(3),
+            }
         };
         let color_is_sound = |map: &Material| {
             map.color_format == color_format::NONE
@@ -548,5 +556,18 @@ mod tests {
             let error = scene.check(&frame, features).expect_err(expected).to_string();
             assert!(error.contains(expected), "{error}");
         }
+    }
+
+    /// 3 x 3 texels, and the one of the level behind them.
+    #[test]
+    fn levels_of_the_colour_map_are_checked_where_they_are_read() {
+        let (mut scene, frame, features) = sound();
+        let filtered = Features { color_filter: color_filter::TRILINEAR, ..features };
+        let error = scene.check(&frame, filtered).expect_err("a texel too few").to_string();
+        assert!(error.contains("colour map"), "{error}");
+        scene.color_texels.push(0);
+        assert!(scene.check(&frame, filtered).is_ok());
+        (scene.materials[0].color_width, scene.materials[0].color_height) = (u32::MAX, u32::MAX);
+        assert!(scene.check(&frame, filtered).is_err());
     }
 }

@@ -5,6 +5,7 @@ pub mod builtin;
 pub mod error;
 pub mod image;
 mod mesh;
+pub mod mip_levels;
 mod noise;
 pub mod obj;
 pub mod scene_file;

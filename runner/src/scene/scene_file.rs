@@ -4,7 +4,9 @@
 use super::SceneError;
 use super::error::SceneFileProblem;
 use crate::picture::linear_from_srgb;
-use crate::settings::{ChannelOrder, DisplacementKind, Light, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{
+    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Weld, Wrap,
+};
 use emboss_kernels::interface::MAX_SUBDIVISIONS;
 use glam::{DAffine3, DMat3, DVec3, EulerRot, Vec3};
 use serde::Deserialize;
@@ -138,7 +140,9 @@ impl SceneFile {
         settings.normals = render.normals.unwrap_or(settings.normals);
         settings.weld = render.weld.unwrap_or(settings.weld);
         settings.shade = render.shade.unwrap_or(settings.shade);
+        settings.displacement = render.displacement.unwrap_or(settings.displacement);
         settings.smooth = render.smooth.unwrap_or(settings.smooth);
+        settings.filter = render.filter.unwrap_or(settings.filter);
         settings.shadows = render.shadows.unwrap_or(settings.shadows);
         settings.ambient = render.ambient.map_or(settings.ambient, |share| share.0);
         settings.background = render.background.map(linear);
@@ -232,6 +236,7 @@ struct RenderTable {
     weld: Option<Weld>,
     shade: Option<Shade>,
     smooth: Option<bool>,
+    filter: Option<Filter>,
     shadows: Option<bool>,
     ambient: Option<NotNegative>,
     background: Option<[Share; 3]>,
@@ -457,7 +462,7 @@ mod tests {
     fn every_key_of_the_picture_reaches_the_settings() {
         let scene = parsed(&format!(
             "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\nnormals = \"linear\"\n\
-             weld = \"off\"\nshade = \"uv\"\nsmooth = true\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
+             weld = \"off\"\nshade = \"uv\"\nsmooth = true\nfilter = \"trilinear\"\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
              [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
              [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
         ));
@@ -472,6 +477,7 @@ mod tests {
             weld: Weld::Off,
             shade: Shade::Uv,
             smooth: true,
+            filter: Filter::Trilinear,
             shadows: false,
             ambient: 0.25,
             seed: 11,

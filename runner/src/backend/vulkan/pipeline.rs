@@ -223,6 +223,7 @@ impl Kernel {
                 SEAMS,
                 SMOOTH,
                 DISPLACEMENT,
+                COLOR_FILTER,
             ],
             Kernel::TraceRays => {
                 &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT]
