@@ -104,7 +104,7 @@ mod tests {
         let alike = vec![material(Some(&a), None), material(Some(&map(color_format::SRGB8, 257)), None)];
         let colors = Colors::pack(alike, Wrap::Clamp, Filter::Bilinear).expect("small");
         assert_eq!((colors.format, colors.wrap), (color_format::SRGB8, wrap::CLAMP));
-        let none = Colors::pack(vec![material(None, None); 2], Wrap::Clamp).expect("small");
+        let none = Colors::pack(vec![material(None, None); 2], Wrap::Clamp, Filter::Bilinear).expect("small");
         assert_eq!((none.format, none.texels.len()), (color_format::NONE, 0));
         let wraps = vec![material(Some(&a), None), material(Some(&a), Some(Wrap::Mirror))];
         assert_eq!(Colors::pack(wraps, Wrap::Clamp, Filter::Bilinear).expect("small").wrap, wrap::PER_MAP);

@@ -19,7 +19,7 @@
 //!
 //! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them.
 //!
-//! Vectors have a range for each axis, and so a [bound](vector_bounds) of their own.
+//! Vectors have a range for each axis, and so a bound of their own: `vector_bounds.rs`.
 //!
 //! # The order
 //! Children are visited by the depth of the base triangle under them, nearest first: one order for upright nodes,

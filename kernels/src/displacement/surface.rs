@@ -272,9 +272,18 @@ impl BaseTriangle {
         let w = grid_point(j, k, n);
         let p = interpolate(w, self.p0, self.p1, self.p2);
         let on_seam = self.has_seams(field) && (j == 0 || k == 0 || j + k == n);
+        // No early return: spirv-opt keeps what follows one, though a constant decides.
         if field.is_vector() {
-            return vector::micro_vertex(field, self, w, p, on_seam);
+            vector::micro_vertex(field, self, w, p, on_seam)
+        } else {
+            self.lifted(field, w, p, on_seam)
         }
+    }
+
+    /// [`micro_vertex`](Self::micro_vertex) by a height, at barycentric coordinates `w` over the point `p`. `on_seam`: whether
+    /// `w` is on the border and some of that is decided with neighbours.
+    #[inline]
+    fn lifted(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, on_seam: bool) -> Vec3 {
         let mut site = Site { direction: interpolate(w, self.n0, self.n1, self.n2), height: 0.0, own: true };
         if on_seam {
             site = self.site_on_border(field, w, site);
