@@ -30,7 +30,7 @@ pub struct SurfaceInteraction {
     pub ns: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
-    /// Index of its [`Material`](crate::interface::Material).
+    /// Index of its [`Material`].
     pub material: u32,
     /// How much of the map a unit of length shows: the root of the micro-triangle's area in texture coordinates over its
     /// area. 0 where it has no extent in the map.

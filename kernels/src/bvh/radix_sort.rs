@@ -34,7 +34,7 @@ pub type Histogram = [u32; DIGITS as usize];
 pub type Counters = [u32; (ROWS * GROUP_SIZE) as usize];
 const _: () = assert!(DIGITS <= ROWS * GROUP_SIZE);
 /// Shared memory of [`scatter_pairs`]: a block's entries in two orders, between which sorting by nibbles goes back and forth.
-/// An entry is the number of a pair in the block and, above [`PLACE_BITS`], its digit.
+/// An entry is the number of a pair in the block and, above it, its digit.
 pub type Entries = [u32; 2 * BLOCK as usize];
 const PLACE_BITS: u32 = BLOCK.trailing_zeros();
 const _: () = assert!(BLOCK.is_power_of_two());

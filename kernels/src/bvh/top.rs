@@ -19,8 +19,8 @@ use crate::interface::{BuildStep, BvhNode, MAX_BVH_DEPTH};
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
 
-/// Invocations of a workgroup of [`choose`]: at least [`PLANES`] and the words of two children. More of them read the copies
-/// of bins sooner.
+/// Invocations of a workgroup of [`choose`]: at least as many as planes and as words of two children. More of them read the
+/// copies of bins sooner.
 pub const GROUP_SIZE: u32 = 128;
 /// Invocations of a workgroup of [`start_treelet`] and of [`move_treelet`].
 pub const MOVE_GROUP_SIZE: u32 = 64;
@@ -607,7 +607,7 @@ pub struct TopBuffers<'a> {
     pub tasks: &'a [Word],
     /// Numbers of tasks: two sets, then those of [`small`].
     pub queues: &'a [Word],
-    /// [`TASK_BIN_WORDS`] for each task.
+    /// The bins of a level's tasks, in several copies: [`bin_words`].
     pub bins: &'a [Word],
     /// See [`small`].
     pub small_tasks: &'a [Word],
