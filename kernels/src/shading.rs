@@ -177,7 +177,7 @@ fn lit(
         let source = at(scene.lights, i);
         let to_light = source.position - surface.point;
         let squared = to_light.dot(to_light);
-        let distance = crate::math::sqrt(squared);
+        let distance = sqrt(squared);
         let wi = to_light / distance;
         let geometric = wi.dot(ng);
         let cosine = if features.smooth == 0 || !(geometric > 0.0) {

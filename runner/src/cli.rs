@@ -63,23 +63,23 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
     /// OBJ file, scene file (.toml, see docs/SCENE.md), or builtin:knot, builtin:cube, builtin:quilt,
-    /// builtin:mushroom [default:
-    /// builtin:knot]
+    /// builtin:mushroom [default: builtin:knot]
     #[arg(value_parser = values::model())]
     model: Option<ModelArgument>,
-    /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, else none]
+    /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, their norm, their Kd; else light
+    /// grey]
     #[arg(value_parser = values::map())]
     color: Option<MapArgument>,
     /// Height map, or none; colour images count by their luminance. With --displacement a vector map [default: the
     /// built-in's, or the disp, map_disp or bump of the OBJ's materials, else none]
     #[arg(value_parser = values::map())]
     height: Option<MapArgument>,
-    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, else 0.5; of a vector
-    /// map of floats 0]
+    /// Texel value of no displacement: 0 black, 0.5 mid-grey, 1 white [default: the built-in's, or what a
+    /// material's -mm says, else 0.5; of a vector map of floats 0]
     #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
     zero: Option<values::OrDefault<f32>>,
-    /// Height from black to white, in model units, may be negative [default: the built-in's, else 5 % of the
-    /// diagonal of the model's box]
+    /// Height from black to white, in model units, may be negative [default: the built-in's, or what a material's -mm
+    /// says, else 5 % of the diagonal of the model's box]
     #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
     scale: Option<values::OrDefault<f32>>,
     /// Subdivisions: parts of each triangle's side, 1 to 4096 [default: the built-in's, else 16]
@@ -342,7 +342,7 @@ fn kind_name(kind: DeviceKind) -> &'static str {
         DeviceKind::Discrete => "graphics card",
         DeviceKind::Integrated => "integrated graphics",
         DeviceKind::Virtual => "virtual graphics",
-        DeviceKind::Software => "software, only by --device",
+        DeviceKind::Software => "software",
         DeviceKind::Cpu => "processor",
     }
 }

@@ -561,7 +561,7 @@ fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
         ("[[model]]\npath = \"a.obj\"\nbuiltin = \"cube\"\n", "1: a model has either a path or a builtin"),
         (
             "[[model]]\n\nbuiltin = \"teapot\"\n",
-            "3: there is no built-in scene `builtin:teapot`; choose builtin:",
+            "3: there is no built-in scene `teapot`; choose cube",
         ),
         (
             "[material.a]\n[[model]]\nbuiltin = \"cube\"\nmaterial = \"b\"\n",
@@ -623,6 +623,23 @@ fn the_example_scene_renders() {
 }
 
 // Vector maps.
+
+/// Vectors along x, y and z of a model that has other axes would be wrong; along its tangents they turn with it.
+#[test]
+fn turned_models_take_no_vectors_in_object_space() {
+    let scene = |kind: &str, rotate: &str| {
+        let settings = PLAIN.replace("[render]\n", &format!("[render]\ndisplacement = \"{kind}\"\n"));
+        format!("{settings}[[model]]\nbuiltin = \"mushroom\"\nrotate = {rotate}\nscale = 2\n")
+    };
+    let run = |kind: &str, rotate: &str| {
+        let place = Place::new().with("scene.toml", scene(kind, rotate));
+        place.run(&["render", "scene.toml", "--backend=cpu", "--output=out.png"])
+    };
+    run("object", "[0, 90, 0]")
+        .failed(2, &["scene.toml:14: vectors in object space", "displacement = \"tangent\""]);
+    run("object", "[0, 0, 0]").succeeded();
+    run("tangent", "[0, 90, 0]").succeeded();
+}
 
 /// A square in the xy plane, its u along x and its v along y.
 const SQUARE: &str =

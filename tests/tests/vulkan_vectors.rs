@@ -38,12 +38,14 @@ fn pictures_are_alike() {
     on_device(|backend| {
         let (scene, settings) = builtin_scene("builtin:mushroom", 12, 96, 72);
         let scene = Scene { reliefs: mushroom(12).reliefs, ..scene };
-        for (displacement, shade) in [
-            (DisplacementKind::Tangent, Shade::Lit),
-            (DisplacementKind::Tangent, Shade::Height),
-            (DisplacementKind::Object, Shade::Lit),
+        for (displacement, shade, smooth) in [
+            (DisplacementKind::Tangent, Shade::Lit, false),
+            (DisplacementKind::Tangent, Shade::Normal, true),
+            (DisplacementKind::Tangent, Shade::Height, false),
+            (DisplacementKind::Object, Shade::Lit, false),
+            (DisplacementKind::Object, Shade::Normal, true),
         ] {
-            let job = job(scene.clone(), &Settings { displacement, shade, ..settings.clone() });
+            let job = job(scene.clone(), &Settings { displacement, shade, smooth, ..settings.clone() });
             let picture = rendered(backend, &job, 2);
             against_cpu(&job, 2, &picture).assert_same(&format!("{displacement:?}, {shade:?}"));
             let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();

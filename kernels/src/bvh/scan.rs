@@ -125,7 +125,7 @@ pub fn scan_shared(group: Workgroup<GROUP_SIZE>, shared: &mut Shared) -> u32 {
 
 /// First element of an invocation.
 #[inline]
-pub(super) fn first_item(group: Workgroup<GROUP_SIZE>, local: u32) -> u32 {
+fn first_item(group: Workgroup<GROUP_SIZE>, local: u32) -> u32 {
     group.id * BLOCK + local * ITEMS
 }
 

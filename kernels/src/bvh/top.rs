@@ -22,6 +22,7 @@ use glam::Vec3;
 /// Invocations of a workgroup of [`choose`]: at least as many as planes and as words of two children. More of them read the
 /// copies of bins sooner.
 pub const GROUP_SIZE: u32 = 128;
+const _: () = assert!(GROUP_SIZE >= PLANES && GROUP_SIZE >= 2 * BIN_WORDS);
 /// Invocations of a workgroup of [`start_treelet`] and of [`move_treelet`].
 pub const MOVE_GROUP_SIZE: u32 = 64;
 /// Most levels of tasks.

@@ -468,8 +468,14 @@ impl Prism {
         // A point of the bound is off by the frame's axes (4 u, not quite at right angles), their products (5 u), the
         // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's size.
         // Lifts of caps and seams reach up to ten heights.
-        let of_reach = if field.is_vector() { vector_bounds::ROUNDINGS_OF_REACH } else { 128.0 };
-        let margin = UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size + of_reach * reach);
+        // Vectors have more, as counted there.
+        let (of_reach, of_coordinate) = if field.is_vector() {
+            (vector_bounds::ROUNDINGS_OF_REACH, vector_bounds::ROUNDINGS_OF_COORDINATE)
+        } else {
+            (128.0, 0.0)
+        };
+        let margin =
+            UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size + of_reach * reach + of_coordinate * coordinate);
         Prism {
             primitive: base.primitive,
             has_seams: base.has_seams(field),
@@ -643,8 +649,9 @@ impl Lifts {
         let along = dot(n0, mean).min(dot(n1, mean)).min(dot(n2, mean));
         let shortest = along / sqrt(dot(mean, mean));
         let longest = sqrt(dot(n0, n0).max(dot(n1, n1)).max(dot(n2, n2)));
-        // Normals are off by some 10 u, which above the threshold is a relative 40 u; so is all that follows.
-        let (shortest, longest) = (shortest * (1.0 - 1e-5), longest * (1.0 + 1e-5));
+        // Normals are off by some 10 u, axes of vectors by 39 u: above the threshold a relative 156 u, and as much for all that
+        // follows is less than the 336 u here.
+        let (shortest, longest) = (shortest * (1.0 - 2e-5), longest * (1.0 + 2e-5));
         Lifts {
             min: least / if least < 0.0 { shortest } else { longest },
             max: greatest / if greatest < 0.0 { longest } else { shortest },

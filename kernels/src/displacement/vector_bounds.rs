@@ -24,6 +24,10 @@ use glam::Vec3;
 /// axis with an error of 9 u, which its lift makes 36 u of the magnitude where it is bounded, and the height's division
 /// and the sums come to 16 u; sides are averaged by 3 u, here and there.
 pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
+/// The same of the largest coordinate, in addition to what heights have: a point of the bound is interpolated in the world, with
+/// weights off by 6 u and 3 u of operations, whose magnitudes add up to 3 at the most; its micro-vertex takes two more fused
+/// operations, twice counted.
+pub(super) const ROUNDINGS_OF_COORDINATE: f32 = 32.0;
 
 /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
 /// of which some is decided with neighbours.

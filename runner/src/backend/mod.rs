@@ -177,6 +177,8 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if !self.seam_sides.iter().all(|side| below(&side.vertices, self.vertices.len())) {
             "a seam's side names a vertex that is not there"
+        } else if vectors && features.method == method::GRID_WALK {
+            "the grid walk takes no vectors"
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {

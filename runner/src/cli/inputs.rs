@@ -10,7 +10,7 @@ use crate::scene::scene_file::{
 };
 use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
 use crate::settings::{ChannelOrder, DisplacementKind, Light, Wrap};
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -142,6 +142,8 @@ struct Model {
     /// At least one; the mesh's triangles name theirs.
     materials: Vec<Described>,
     builtin: Option<Recommended>,
+    /// The line of a scene file that gives it other axes: turns it, mirrors it or stretches it.
+    turned: Option<usize>,
 }
 
 /// What a built-in scene brings beside its mesh and its material.
@@ -180,6 +182,15 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let materials = models.iter_mut().flat_map(|model| &mut model.materials);
     materials.for_each(|material| material.change(request));
     let displacement = displacement_kind(request, &models)?;
+    for model in &models {
+        let has_vectors = |m: &Described| m.source.height.is_some() && m.source.sideways.is_some();
+        if displacement == DisplacementKind::Height && model.materials.iter().any(has_vectors) {
+            tracing::warn!(
+                "{}: of its vectors only what is along the normal displaces, since other maps are of heights; --displacement tangent takes vectors from all",
+                model.name
+            );
+        }
+    }
     let recommended = models.iter().filter_map(|model| model.builtin.as_ref()).map(|b| b.subdivisions).max();
     let in_scene = request.scene.and_then(|scene| scene.subdivisions);
     let (subdivisions, n_origin) = match (request.subdivisions, in_scene, recommended) {
@@ -212,8 +223,9 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut assembly = Assembly::new(displacement, channels);
     for Model { mesh, materials, .. } in models {
         let ids = materials.iter().map(|material| {
+            let is_named = material.color == SCENE_FILE || material.height == SCENE_FILE;
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
-                (Some(scene), Some(line)) => named_by(scene, line, error),
+                (Some(scene), Some(line)) if is_named => named_by(scene, line, error),
                 _ => error,
             })
         });
@@ -249,7 +261,12 @@ fn displacement_kind(request: &Request<'_>, models: &[Model]) -> Result<Displace
         return Err(InputError::NoVectors { name: model.name.clone() });
     }
     let from_file = is_vector && with_maps().any(|source| !made(source));
-    if is_vector && sources().any(|source| source.invert) {
+    if let (DisplacementKind::Object, Some(scene), Some(model)) =
+        (kind, request.scene, models.iter().find(|model| model.turned.is_some()))
+    {
+        let (path, line) = (scene.path.clone(), model.turned.unwrap_or(1));
+        Err(SceneError::SceneFile { path, line, problem: SceneFileProblem::TurnedVectors }.into())
+    } else if is_vector && sources().any(|source| source.invert) {
         Err(InputError::InvertVectors)
     } else if request.channels().is_some() && !from_file {
         Err(InputError::ChannelsOfNothing)
@@ -273,6 +290,11 @@ fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, Inpu
     if model.world_from_model != DAffine3::IDENTITY {
         let moved = loaded.mesh.transformed(model.world_from_model);
         loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+        let matrix = model.world_from_model.matrix3;
+        let scale = matrix.x_axis.x;
+        if scale <= 0.0 || matrix != DMat3::from_diagonal(DVec3::splat(scale)) {
+            loaded.turned = Some(model.line);
+        }
     }
     let known = || loaded.materials.iter().map(|material| material.name.clone());
     if let MaterialChoice::ByName(names) = &model.materials
@@ -357,6 +379,12 @@ impl Described {
             MapArgument::None => (source.height, self.height) = (None, GIVEN),
             MapArgument::File(path) => {
                 (source.height, self.height) = (Some(MapSource::File(path.clone())), GIVEN);
+                // The zero of a vector map is that of its own format.
+                if request.displacement.is_some_and(|kind| kind != DisplacementKind::Height)
+                    && self.zero == BUILTIN
+                {
+                    (source.zero, self.zero) = (None, DEFAULT);
+                }
             }
         }
         if let Some(zero) = request.zero {
@@ -406,7 +434,15 @@ impl Described {
         let color = color.or_else(|| existing(material.normal).map(|map| (map, NORMAL_MAP)));
         let height = existing(material.height);
         // base + gain t = gain (t + base / gain)
-        let range = height.as_ref().and_then(|map| map.base_and_gain).filter(|&(_, gain)| gain != 0.0);
+        let range = height.as_ref().and_then(|map| map.base_and_gain);
+        let is_usable = |&(base, gain): &(f32, f32)| (base / gain).is_finite();
+        if let (Some(map), Some((base, gain))) = (&height, range.filter(|range| !is_usable(range))) {
+            tracing::warn!(
+                "{}: -mm {base} {gain} leaves no relief; the scale is chosen as if it were not there",
+                map.path.display()
+            );
+        }
+        let range = range.filter(is_usable);
         let color_origin = match (&color, material.albedo) {
             (Some((_, origin)), _) => origin,
             (None, Some(_)) => MATERIAL,
@@ -446,7 +482,7 @@ fn load_file(path: &Path) -> Result<Model, SceneError> {
     let (mesh, materials) = load_obj(path)?;
     let scale = SCALE_SHARE * diagonal(&mesh);
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
-    Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None })
+    Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None, turned: None })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -481,7 +517,13 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     };
     let lights = lights.into_iter().map(light).collect();
     let recommended = Recommended { subdivisions, view: (view, up), lights };
-    Ok(Model { name: name.to_owned(), mesh, materials: vec![material], builtin: Some(recommended) })
+    Ok(Model {
+        name: name.to_owned(),
+        mesh,
+        materials: vec![material],
+        builtin: Some(recommended),
+        turned: None,
+    })
 }
 
 /// The diagonal of the mesh's box; 0 for an empty mesh.

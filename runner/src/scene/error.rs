@@ -147,10 +147,15 @@ pub enum SceneFileProblem {
     /// A model comes from nowhere, or from two places.
     #[error("a model has either a path or a builtin; write one of them, such as path = \"model.obj\"")]
     ModelSource,
+    /// Vectors along x, y and z, and a model whose own axes are others.
+    #[error(
+        "vectors in object space are along the scene's axes, but this model is turned, mirrored or stretched; use displacement = \"tangent\", or leave rotate out and give scale one positive number"
+    )]
+    TurnedVectors,
     /// No built-in scene has this name.
-    #[error("there is no built-in scene `{name}`; choose {}", super::builtin::NAMES.join(", "))]
+    #[error("there is no built-in scene `{name}`; choose {}", builtin_names())]
     UnknownBuiltin {
-        /// The name, with `builtin:`.
+        /// The name.
         name: String,
     },
     /// A model has a material that the file does not have.
@@ -282,4 +287,9 @@ impl fmt::Display for Element {
             Self::Normal => "normal",
         })
     }
+}
+
+/// What a scene file calls the built-in scenes.
+fn builtin_names() -> String {
+    super::builtin::NAMES.map(|name| name.trim_start_matches("builtin:")).join(", ")
 }

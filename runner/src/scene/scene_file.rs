@@ -344,6 +344,7 @@ impl ModelTable {
             (None, Some(name)) => {
                 let (at, name) = (name.span().start, format!("builtin:{}", name.as_ref()));
                 if !super::builtin::NAMES.contains(&name.as_str()) {
+                    let name = name.trim_start_matches("builtin:").to_owned();
                     return Err((at, SceneFileProblem::UnknownBuiltin { name }));
                 }
                 ModelSource::Builtin(name)
@@ -461,18 +462,22 @@ mod tests {
     #[test]
     fn every_key_of_the_picture_reaches_the_settings() {
         let scene = parsed(&format!(
-            "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\nnormals = \"linear\"\n\
+            "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\n\
+             displacement = \"object\"\nchannels = \"-b+r+g\"\nnormals = \"linear\"\n\
              weld = \"off\"\nshade = \"uv\"\nsmooth = true\nfilter = \"trilinear\"\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
              [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
              [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
         ));
         assert_eq!((scene.samples, scene.subdivisions), (Some(7), Some(9)));
+        assert_eq!(scene.displacement, Some(DisplacementKind::Object));
+        assert_eq!(scene.channels, "-b+r+g".parse().ok());
         let Settings { view, lights, background, .. } = scene.settings();
         let grey = linear_from_srgb(0.5);
         let expected = Settings {
             width: 3,
             height: 5,
             method: Method::GridWalk,
+            displacement: DisplacementKind::Object,
             normals: Normals::Linear,
             weld: Weld::Off,
             shade: Shade::Uv,

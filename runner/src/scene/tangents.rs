@@ -5,10 +5,13 @@ use super::Mesh;
 use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use emboss_kernels::interface::{FLIPPED, Tangent, Vertex};
 use glam::Vec3;
+use std::ops::Range;
 
 /// A mesh as MikkTSpace reads it, and the tangents that it gives.
 struct Corners<'a> {
     mesh: &'a Mesh,
+    /// Which of its triangles are read: one of the meshes that were appended, which have nothing in common.
+    triangles: Range<usize>,
     /// Three for each triangle, in its stored order.
     tangents: Vec<Tangent>,
 }
@@ -19,7 +22,9 @@ impl Corners<'_> {
         if self.mesh.triangles[triangle].flags & FLIPPED == 0 { corner } else { [0, 2, 1][corner] }
     }
 
-    fn vertex(&self, triangle: usize, corner: usize) -> &Vertex {
+    /// Corner number `corner` of number `face` of the triangles that are read.
+    fn vertex(&self, face: usize, corner: usize) -> &Vertex {
+        let triangle = self.triangles.start + face;
         let vertices = self.mesh.triangles[triangle].vertices;
         &self.mesh.vertices[vertices[self.stored(triangle, corner)] as usize]
     }
@@ -27,7 +32,7 @@ impl Corners<'_> {
 
 impl Geometry for Corners<'_> {
     fn num_faces(&self) -> usize {
-        self.mesh.triangles.len()
+        self.triangles.len()
     }
 
     fn num_vertices_of_face(&self, _face: usize) -> usize {
@@ -50,7 +55,8 @@ impl Geometry for Corners<'_> {
     fn set_tangent(&mut self, tangent_space: Option<TangentSpace>, face: usize, corner: usize) {
         let normal = self.vertex(face, corner).normal;
         let given = tangent_space.map(|space| space.tangent_encoded());
-        let place = 3 * face + self.stored(face, corner);
+        let triangle = self.triangles.start + face;
+        let place = 3 * triangle + self.stored(triangle, corner);
         self.tangents[place] = tangent(given, normal);
     }
 }
@@ -76,11 +82,17 @@ impl Mesh {
     /// stay in the order of positions.
     pub fn split_by_tangents(&mut self) -> Vec<Tangent> {
         let tangents = vec![Tangent::default(); 3 * self.triangles.len()];
-        let mut corners = Corners { mesh: self, tangents };
-        match generate_tangents(&mut corners) {
-            Ok(()) => {}
-            // The type of its errors has no values.
-            Err(_) => unreachable!("MikkTSpace does not fail"),
+        let mut corners = Corners { mesh: self, triangles: 0..0, tangents };
+        let ends = self.starts.iter().copied().chain([u32::MAX]);
+        for end in ends {
+            let begin = corners.triangles.end;
+            let count = self.triangles[begin..].partition_point(|triangle| triangle.vertices[0] < end);
+            corners.triangles = begin..begin + count;
+            match generate_tangents(&mut corners) {
+                Ok(()) => {}
+                // The type of its errors has no values.
+                Err(_) => unreachable!("MikkTSpace does not fail"),
+            }
         }
         let at_corners = corners.tangents;
 
@@ -193,5 +205,25 @@ mod tests {
             assert!((direction.length() - 1.0).abs() < 1e-6 && direction.dot(Vec3::Z).abs() < 1e-6);
             assert_eq!(sign.abs(), 1.0);
         }
+    }
+
+    /// Two meshes that share an edge, one behind the other, have the tangents that each has alone.
+    #[test]
+    fn appended_meshes_have_their_own_tangents() {
+        let square = |at: f32, turned: bool| {
+            let corner = |x: f32, y: f32| {
+                let (u, v) = if turned { (x, 0.5 * x + y) } else { (x, y) };
+                Vertex { position: Vec3::new(at + x, y, 0.0), normal: Vec3::Z, u, v }
+            };
+            let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+            Mesh::from_triangles(&corners, &[[0, 1, 2], [0, 2, 3]])
+        };
+        let (mut left, mut right) = (square(0.0, false), square(0.0, true));
+        let mut both = left.clone();
+        both.append(right.clone());
+        let alone = [left.split_by_tangents(), right.split_by_tangents()].concat();
+        assert_eq!(both.split_by_tangents(), alone);
+        assert_eq!(both.starts, [4]);
+        assert_ne!(alone[0], alone[4]);
     }
 }

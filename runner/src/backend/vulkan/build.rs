@@ -19,7 +19,7 @@ use emboss_kernels::interface::{BATCH_GROUP_SIZE, BuildStep, MAX_PRIMITIVES, MOS
 use emboss_kernels::scene::Features;
 use std::sync::Arc;
 
-/// Shared memory that the hungriest kernel of a workgroup needs, in bytes; Vulkan guarantees a little less.
+/// Shared memory that the hungriest kernel of a workgroup needs, in bytes.
 pub(super) const MOST_SHARED_BYTES: usize = {
     let sort = size_of::<radix_sort::Counters>() + size_of::<ScanShared>() + size_of::<radix_sort::Entries>();
     let small = size_of::<small::Shared>();
