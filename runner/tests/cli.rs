@@ -559,10 +559,7 @@ fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
         ),
         ("[[model]]\n", "1: a model has either a path or a builtin"),
         ("[[model]]\npath = \"a.obj\"\nbuiltin = \"cube\"\n", "1: a model has either a path or a builtin"),
-        (
-            "[[model]]\n\nbuiltin = \"teapot\"\n",
-            "3: there is no built-in scene `teapot`; choose cube",
-        ),
+        ("[[model]]\n\nbuiltin = \"teapot\"\n", "3: there is no built-in scene `teapot`; choose cube"),
         (
             "[material.a]\n[[model]]\nbuiltin = \"cube\"\nmaterial = \"b\"\n",
             "4: there is no [material.b]; add it, or choose a",

@@ -210,15 +210,17 @@ mod tests {
     /// Two meshes that share an edge, one behind the other, have the tangents that each has alone.
     #[test]
     fn appended_meshes_have_their_own_tangents() {
-        let square = |at: f32, turned: bool| {
-            let corner = |x: f32, y: f32| {
-                let (u, v) = if turned { (x, 0.5 * x + y) } else { (x, y) };
-                Vertex { position: Vec3::new(at + x, y, 0.0), normal: Vec3::Z, u, v }
+        let square = |at: f32, slant: f32| {
+            let corner = |x: f32, y: f32| Vertex {
+                position: Vec3::new(at + x, y, 0.0),
+                normal: Vec3::Z,
+                u: at + x,
+                v: y + slant * x,
             };
             let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
             Mesh::from_triangles(&corners, &[[0, 1, 2], [0, 2, 3]])
         };
-        let (mut left, mut right) = (square(0.0, false), square(0.0, true));
+        let (mut left, mut right) = (square(0.0, 0.0), square(1.0, 0.5));
         let mut both = left.clone();
         both.append(right.clone());
         let alone = [left.split_by_tangents(), right.split_by_tangents()].concat();
