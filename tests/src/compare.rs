@@ -192,6 +192,16 @@ fn inverse_height(job: &Job, triangle: Triangle) -> f32 {
     max_abs(a).max(max_abs(b)).max(max_abs(c)) / height
 }
 
+/// Root of the mean square difference of a channel, over pixels that both pictures cover.
+pub fn rmse(picture: &Picture, reference: &Picture) -> f64 {
+    let pairs = picture.pixels.iter().zip(&reference.pixels);
+    let covered: Vec<f64> = pairs
+        .filter(|(a, b)| a.w == 1.0 && b.w == 1.0)
+        .map(|(a, b)| f64::from((a.truncate() - b.truncate()).length_squared() / 3.0))
+        .collect();
+    (covered.iter().sum::<f64>() / covered.len() as f64).sqrt()
+}
+
 /// A backend's picture of a job whose view is framed.
 ///
 /// # Panics

@@ -6,7 +6,7 @@ use emboss::scene::ColorMap;
 use emboss::settings::{Filter, Method, Settings};
 use emboss_kernels::interface::color_format;
 use emboss_tests::Numbers;
-use emboss_tests::compare::rendered;
+use emboss_tests::compare::{rendered, rmse};
 use emboss_tests::scenes::{builtin_scene, job};
 
 /// Side of the map in texels.
@@ -36,16 +36,6 @@ fn picture(times: f32, method: Method, filter: Filter, samples: u32) -> Picture 
     let mut dark = job(scene, &settings);
     dark.leave_no_light();
     rendered(&mut CpuBackend::new(), &dark, samples)
-}
-
-/// Root of the mean square difference of a channel, over pixels that both pictures cover.
-fn rmse(picture: &Picture, reference: &Picture) -> f64 {
-    let pairs = picture.pixels.iter().zip(&reference.pixels);
-    let covered: Vec<f64> = pairs
-        .filter(|(a, b)| a.w == 1.0 && b.w == 1.0)
-        .map(|(a, b)| f64::from((a.truncate() - b.truncate()).length_squared() / 3.0))
-        .collect();
-    (covered.iter().sum::<f64>() / covered.len() as f64).sqrt()
 }
 
 /// Against pictures of 64 samples, which are themselves off by an eighth of what one sample of the noise deviates by, 0.19:

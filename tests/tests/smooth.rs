@@ -2,7 +2,6 @@
 //! those of many, and no light comes through the surface.
 
 use emboss::backend::cpu::CpuBackend;
-use emboss::picture::Picture;
 use emboss::render::Scene;
 use emboss::scene::{Material, Relief};
 use emboss::settings::{Light, Method, Normals, Settings, Wrap};
@@ -14,7 +13,7 @@ use emboss_kernels::interface::{NO_SEAMS, height_format};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::shading::{SurfaceInteraction, shade_hit};
 use emboss_tests::Numbers;
-use emboss_tests::compare::rendered;
+use emboss_tests::compare::{rendered, rmse};
 use emboss_tests::meshes;
 use emboss_tests::oracle::LimitSurface;
 use emboss_tests::scenes::{ReadyJob, WildMap, builtin_scene, job, random_solid};
@@ -196,16 +195,6 @@ fn light_inside_a_closed_mesh_stays_there() {
             assert_eq!(lit, 0, "{name}, {map:?}: light comes out in {lit} pixels");
         }
     }
-}
-
-/// Root of the mean square difference of colours, over pixels that both pictures cover.
-fn rmse(picture: &Picture, reference: &Picture) -> f64 {
-    let pairs = picture.pixels.iter().zip(&reference.pixels);
-    let covered: Vec<f64> = pairs
-        .filter(|(a, b)| a.w == 1.0 && b.w == 1.0)
-        .map(|(a, b)| f64::from((a.truncate() - b.truncate()).length_squared() / 3.0))
-        .collect();
-    (covered.iter().sum::<f64>() / covered.len() as f64).sqrt()
 }
 
 /// The error of pictures of few micro-triangles against those of N = 256, with and without smooth shading: measured to be

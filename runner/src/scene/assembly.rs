@@ -191,10 +191,13 @@ impl Assembly {
             axes.map(|(channel, sign)| relief(Arc::clone(&channels[channel]), zero, sign * scale)).into()
         } else {
             let normal = self.height_map(height, source)?;
-            let sideways = source.sideways.clone().unwrap_or_else(|| {
-                [(); 2].map(|()| Arc::new(HeightMap { format: normal.format, ..HeightMap::flat(0.0) }))
-            });
-            sideways.into_iter().chain([normal]).map(|map| relief(map, source.zero(), scale)).collect()
+            // A map of heights displaces along the normal alone.
+            let (sideways, share) = match &source.sideways {
+                Some(maps) => (maps.clone(), scale),
+                None => ([Arc::clone(&normal), Arc::clone(&normal)], 0.0),
+            };
+            let [tangent, bitangent] = sideways.map(|map| relief(map, source.zero(), share));
+            vec![tangent, bitangent, relief(normal, source.zero(), scale)]
         };
         let is_same = |(other, relief): (&Relief, &Relief)| {
             Arc::ptr_eq(&other.map, &relief.map)
@@ -391,6 +394,18 @@ mod tests {
         assert_eq!(texels, [0.0, 0.0, 0.0, 1.0, 3.0, 2.0, 1.0, 3.0, 2.0]);
         assert!(reliefs.iter().all(|relief| relief.zero == 0.0));
         assert!(Arc::ptr_eq(&reliefs[3].map, &reliefs[6].map));
+    }
+
+    /// Three maps of one size, as the backend asks, of which one displaces.
+    #[test]
+    fn heights_made_by_code_are_vectors_along_the_normal() {
+        let map = Arc::new(HeightMap { width: 2, texels: vec![0; 2], ..HeightMap::flat(0.0) });
+        let height = Some(MapSource::Made { name: "code".into(), map: Arc::clone(&map) });
+        let mut assembly = Assembly::new(DisplacementKind::Tangent, ChannelOrder::Blender);
+        assembly.material(&MaterialSource { height, ..source(None) }).expect("no file");
+        let reliefs = assembly.finish(1).reliefs;
+        assert_eq!(reliefs.iter().map(|relief| relief.scale).collect::<Vec<_>>(), [0.0, 0.0, 1.0]);
+        assert!(reliefs.iter().all(|relief| relief.map.width == 2));
     }
 
     #[test]

@@ -20,7 +20,7 @@ const MAX_SIDE: u32 = 32_768;
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Words of the table at the head of a [`color_format::SRGB8`] map.
-const SRGB_CODES: usize = 256;
+pub(super) const SRGB_CODES: usize = 256;
 
 /// Loads a height map.
 ///

@@ -1,13 +1,11 @@
 //! The levels of a colour map: itself, and ever smaller ones down to a single texel, for pixels that cover many texels.
 
 use super::ColorMap;
+use super::image::SRGB_CODES;
 use crate::settings::Filter;
 use emboss_kernels::interface::color_format;
 use glam::Vec3;
 use std::sync::Arc;
-
-/// Words of the table at the head of an 8-bit map.
-const CODES: usize = 256;
 
 /// How many texels the levels of a map have together, one with the sides halved (rounded down, at least 1) after the other.
 pub fn texels(width: u32, height: u32) -> u64 {
@@ -60,7 +58,7 @@ fn with_levels(map: ColorMap) -> Vec<u32> {
 fn linear(words: &[u32], format: u32) -> Vec<Vec3> {
     let float = |word: u32| f32::from_bits(word);
     if format == color_format::SRGB8 {
-        let (table, texels) = words.split_at(CODES);
+        let (table, texels) = words.split_at(SRGB_CODES);
         let channel = |code: u8| float(table[usize::from(code)]);
         let color = |word: &u32| {
             let [r, g, b, _] = word.to_le_bytes();
@@ -75,10 +73,10 @@ fn linear(words: &[u32], format: u32) -> Vec<Vec3> {
 /// Appends colours to a packed map.
 fn append(words: &mut Vec<u32>, colors: &[Vec3], format: u32) {
     if format == color_format::SRGB8 {
-        let table: Vec<f32> = words[..CODES].iter().map(|&word| f32::from_bits(word)).collect();
+        let table: Vec<f32> = words[..SRGB_CODES].iter().map(|&word| f32::from_bits(word)).collect();
         let code = |value: f32| {
             // The table ascends: the code whose value is nearest is the last one below, or the next.
-            let above = table.partition_point(|&entry| entry < value).clamp(1, CODES - 1);
+            let above = table.partition_point(|&entry| entry < value).clamp(1, SRGB_CODES - 1);
             let nearest = if value - table[above - 1] < table[above] - value { above - 1 } else { above };
             u8::try_from(nearest).unwrap_or(u8::MAX)
         };
@@ -112,8 +110,12 @@ fn covered(from: u32, to: u32) -> Vec<Vec<(usize, f32)>> {
     let covered = |i: u32| {
         let (start, end) = (f64::from(i) * side, f64::from(i + 1) * side);
         let share = |x: u32| (end.min(f64::from(x + 1)) - start.max(f64::from(x))) / side;
-        #[expect(clippy::cast_possible_truncation, reason = "shares are rounded to the texels' precision")]
-        let shares = (0..from).map(|x| (x as usize, share(x) as f32));
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "shares are rounded to the texels' precision, places lie within the row"
+        )]
+        let shares = (start as u32..from.min(end.ceil() as u32)).map(|x| (x as usize, share(x) as f32));
         // A share that is only rounding is none.
         shares.filter(|(_, share)| *share > 1e-6).collect()
     };
