@@ -15,7 +15,7 @@ use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
     Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, Material, PointLight, PyramidPart,
-    Ray, SeamSide, Seams, SortPass, Tangent, Tile, Triangle, Vertex, counter,
+    Ray, SeamSide, Seams, SortPass, Tangent, TexelScale, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
@@ -43,7 +43,7 @@ pub fn render(
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
-    #[spirv(spec_constant(id = 12, default = 0))] color_filter: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -58,6 +58,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -65,6 +66,7 @@ pub fn render(
         frame,
         vertices,
         tangents,
+        texel_scales,
         triangles,
         nodes,
         primitives,
@@ -90,7 +92,7 @@ pub fn render(
         seams: welded,
         smooth,
         displacement,
-        color_filter,
+        filter,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -132,6 +134,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -146,6 +149,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -154,6 +158,7 @@ pub fn trace_rays(
         frame,
         vertices,
         tangents,
+        texel_scales,
         triangles,
         nodes,
         primitives,
@@ -174,6 +179,7 @@ pub fn trace_rays(
         normals,
         seams: welded,
         displacement,
+        filter,
         ..Features::default()
     };
     let mut counts = Counts::default();
@@ -210,6 +216,7 @@ pub fn bound_heights(
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &mut [Triangle],
@@ -224,14 +231,16 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { height_format, height_wrap, displacement, ..Features::default() };
+        let features = Features { height_format, height_wrap, displacement, filter, ..Features::default() };
         let scene = SceneView {
             frame,
             vertices,
             tangents,
+            texel_scales,
             triangles: &*triangles,
             nodes,
             primitives,
@@ -259,6 +268,7 @@ pub fn decide_seams(
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -273,14 +283,16 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { height_format, height_wrap, displacement, ..Features::default() };
+        let features = Features { height_format, height_wrap, displacement, filter, ..Features::default() };
         let scene = SceneView {
             frame,
             vertices,
             tangents,
+            texel_scales,
             triangles,
             nodes,
             primitives,
@@ -308,6 +320,7 @@ pub fn prism_bounds(
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -322,6 +335,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -332,12 +346,14 @@ pub fn prism_bounds(
             normals,
             seams: welded,
             displacement,
+            filter,
             ..Features::default()
         };
         let scene = SceneView {
             frame,
             vertices,
             tangents,
+            texel_scales,
             triangles,
             nodes,
             primitives,

@@ -89,8 +89,10 @@ pub mod binding {
     pub const MATERIALS: u32 = 37;
     /// `[Tangent]`, one for each vertex where vector displacement is in tangent space, else none; read.
     pub const TANGENTS: u32 = 38;
+    /// `[TexelScale]`, one for each vertex where maps are filtered by their levels, else none; read.
+    pub const TEXEL_SCALES: u32 = 39;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 39;
+    pub const COUNT: u32 = 40;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -120,8 +122,8 @@ pub mod spec {
     pub const SMOOTH: u32 = 10;
     /// What the height maps' texels displace along: [`displacement_kind`](super::displacement_kind).
     pub const DISPLACEMENT: u32 = 11;
-    /// How the colour map is read: [`color_filter`](super::color_filter).
-    pub const COLOR_FILTER: u32 = 12;
+    /// How maps are read: [`filter`](super::filter).
+    pub const FILTER: u32 = 12;
     /// How many specialisation constants there are.
     pub const COUNT: u32 = 13;
 }
@@ -198,13 +200,13 @@ pub mod color_format {
     pub const PER_MATERIAL: u32 = 3;
 }
 
-/// Values of [`spec::COLOR_FILTER`].
-pub mod color_filter {
+/// Values of [`spec::FILTER`].
+pub mod filter {
     /// Between the four texels around a point.
     pub const BILINEAR: u32 = 0;
     /// Between the eight texels around a point on the two levels whose texels are next in size to a pixel there. Behind the
     /// texels stand those of the other levels, each half as wide and high as the one before (rounded down, at least 1)
-    /// down to a single texel.
+    /// down to a single texel. Of height maps see [`TexelScale`](super::TexelScale).
     pub const TRILINEAR: u32 = 1;
 }
 
@@ -296,6 +298,18 @@ pub struct Tangent {
     pub direction: Vec3,
     /// 1, or -1 where the map is mirrored.
     pub sign: f32,
+}
+
+/// How large the texels of height maps are at a vertex, where these are filtered by their levels. Interpolated over base
+/// triangles, so that both triangles at an edge read the same level there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TexelScale {
+    /// Side of a texel on the base mesh, in model units: the largest of the triangles at the vertex; infinite where one has
+    /// no extent in its map.
+    pub size: f32,
+    /// How many texels a side a pixel is taken to cover at the most, a power of two. Boxes hold the surface as far as that.
+    pub span: f32,
 }
 
 /// A base triangle. Its vertices are stored in ascending order of index, so that the two triangles at an edge
@@ -463,6 +477,9 @@ pub struct Displacement {
     pub format: u32,
     /// How the map goes on beyond its borders: [`wrap`].
     pub wrap: u32,
+    /// What its levels differ from it by: level l, filtered, at most by `roughness` 2^l, in texels' values. 0 where it has
+    /// no levels.
+    pub roughness: f32,
 }
 
 /// What all pixels of a picture share.
@@ -497,6 +514,14 @@ pub struct Frame {
     pub height_max: f32,
     /// Unused.
     pub padding: [u32; 2],
+}
+
+impl Frame {
+    /// Side of a pixel at distance 1.
+    #[inline]
+    pub fn pixel_side(&self) -> f32 {
+        2.0 * self.camera.up.length() / self.height as f32
+    }
 }
 
 impl Triangle {
@@ -670,7 +695,8 @@ const _: () = {
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);
     assert!(size_of::<Material>() == 32);
-    assert!(size_of::<Displacement>() == 40);
+    assert!(size_of::<Displacement>() == 44);
+    assert!(size_of::<TexelScale>() == 8);
     assert!(size_of::<Frame>() == 128);
     assert!(size_of::<Tile>() == 20);
     assert!(size_of::<Batch>() == 12);

@@ -1,7 +1,8 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
 use crate::interface::{
-    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Tangent, Triangle, Vertex,
+    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Tangent, TexelScale, Triangle,
+    Vertex,
 };
 
 /// The buffers of a scene, as bound by the backend.
@@ -13,6 +14,8 @@ pub struct SceneView<'a> {
     pub vertices: &'a [Vertex],
     /// Their tangents; none unless vector displacement is along them.
     pub tangents: &'a [Tangent],
+    /// How large texels are at them; none unless maps are filtered by their levels.
+    pub texel_scales: &'a [TexelScale],
     /// Base triangles.
     pub triangles: &'a [Triangle],
     /// The BVH, its root first.
@@ -65,8 +68,8 @@ pub struct Features {
     pub smooth: u32,
     /// See [`displacement_kind`](crate::interface::displacement_kind).
     pub displacement: u32,
-    /// See [`color_filter`](crate::interface::color_filter).
-    pub color_filter: u32,
+    /// See [`filter`](crate::interface::filter).
+    pub filter: u32,
 }
 
 impl Features {
@@ -85,7 +88,7 @@ impl Features {
             self.seams,
             self.smooth,
             self.displacement,
-            self.color_filter,
+            self.filter,
         ]
     }
 }

@@ -7,12 +7,12 @@ use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
 use crate::hit::Hit;
-use crate::interface::{Material, color_filter, color_format, method, shade, wrap};
+use crate::interface::{Material, color_format, filter, method, shade, wrap};
 use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
-use crate::texture::{ColorLevel, sample_color, sample_color_levels};
+use crate::texture::{ColorTexels, Level};
 use glam::{UVec4, Vec2, Vec3};
 
 /// A hit with what shading needs to know of the surface there.
@@ -83,7 +83,7 @@ impl SurfaceInteraction {
             material: base.material,
             uv_density: sqrt((base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs() / dot(area, n))
                 / parts as f32,
-            height: if features.method == method::NONE { 0.0 } else { height(&field, &base, uv) },
+            height: if features.method == method::NONE { 0.0 } else { height(&field, &base, w) },
         }
     }
 
@@ -102,13 +102,14 @@ impl SurfaceInteraction {
     }
 }
 
-/// The height that a triangle's own map gives, or the length of the vector.
+/// The height that a triangle's own map gives at barycentric coordinates `w`, or the length of the vector.
 #[inline]
-fn height(field: &HeightField<'_>, base: &BaseTriangle, uv: Vec2) -> f32 {
+fn height(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3) -> f32 {
+    let (uv, pixel) = (base.uv(w), base.pixel(field, w));
     if field.is_vector() {
-        vector::components(field, base.displacement, uv).length()
+        vector::components(field, base.displacement, uv, pixel).length()
     } else {
-        field.height(&base.map, uv)
+        field.height(&base.map, uv, pixel)
     }
 }
 
@@ -209,14 +210,15 @@ fn albedo(
     let per_material = features.color_format == color_format::PER_MATERIAL;
     let format = if per_material { material.color_format } else { features.color_format };
     let wrap = if features.color_wrap == wrap::PER_MAP { material.color_wrap } else { features.color_wrap };
-    let map = ColorLevel::finest(&material, format, wrap);
+    let map = ColorTexels { texels: scene.color_texels, format, wrap, first_word: material.first_word };
+    let finest = Level::finest(material.color_width, material.color_height);
     if format == color_format::NONE {
         material.albedo
-    } else if features.color_filter == color_filter::BILINEAR {
-        sample_color(scene.color_texels, map, surface.uv)
+    } else if features.filter == filter::BILINEAR {
+        map.sample(finest, surface.uv)
     } else {
         let side = footprint_texels(scene, &material, ray, hit, surface);
-        sample_color_levels(scene.color_texels, map, surface.uv, side)
+        map.sample_levels(finest, surface.uv, side)
     }
 }
 
@@ -251,9 +253,8 @@ fn footprint_texels(
     surface: &SurfaceInteraction,
 ) -> f32 {
     let frame = scene.frame;
-    let pixel = 2.0 * frame.camera.up.length() / frame.height as f32;
     let density = surface.uv_density * sqrt(material.color_width as f32 * material.color_height as f32);
-    hit.t * pixel * density / dot(ray.direction, surface.ng).abs()
+    hit.t * frame.pixel_side() * density / dot(ray.direction, surface.ng).abs()
 }
 
 /// Whether the displaced surface stands between a hit and a light.

@@ -2,7 +2,7 @@
 
 use crate::interface::{
     BvhNode, Camera, Displacement, FLIPPED, Frame, Material, NO_SEAMS, PointLight, SeamSide, Seams, Tangent,
-    Triangle, Vertex, height_format, method,
+    TexelScale, Triangle, Vertex, height_format, method,
 };
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
@@ -13,6 +13,7 @@ pub(crate) struct TestScene {
     pub(crate) frame: Frame,
     pub(crate) vertices: Vec<Vertex>,
     pub(crate) tangents: Vec<Tangent>,
+    pub(crate) texel_scales: Vec<TexelScale>,
     pub(crate) triangles: Vec<Triangle>,
     pub(crate) nodes: Vec<BvhNode>,
     pub(crate) primitives: Vec<u32>,
@@ -40,7 +41,7 @@ pub(crate) const FLAT: Features = Features {
     seams: 0,
     smooth: 0,
     displacement: 0,
-    color_filter: 0,
+    filter: 0,
 };
 
 impl TestScene {
@@ -106,6 +107,7 @@ impl TestScene {
             frame: &self.frame,
             vertices: &self.vertices,
             tangents: &self.tangents,
+            texel_scales: &self.texel_scales,
             triangles: &self.triangles,
             nodes: &self.nodes,
             primitives: &self.primitives,

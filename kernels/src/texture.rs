@@ -1,6 +1,6 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
-use crate::interface::{Displacement, Material, color_format, height_format, wrap};
+use crate::interface::{color_format, height_format, wrap};
 use crate::math::{at, floor, fma, log2};
 use glam::{Vec2, Vec3};
 
@@ -99,39 +99,148 @@ pub fn unorm16(word: u32, lane: u32) -> f32 {
     ((word >> (lane * 16)) & 0xffff) as f32 / 65535.0
 }
 
-/// The texels of a footprint in a height map, in its order.
-#[inline]
-fn height_texels(texels: &[u32], format: u32, map: &Displacement, f: &Footprint) -> [f32; 4] {
-    [
-        height_texel(texels, format, map.first_word, f.texels[0]),
-        height_texel(texels, format, map.first_word, f.texels[1]),
-        height_texel(texels, format, map.first_word, f.texels[2]),
-        height_texel(texels, format, map.first_word, f.texels[3]),
-    ]
+/// One of a map's levels: itself, or one of the ever smaller ones behind it.
+#[derive(Clone, Copy, Debug)]
+pub struct Level {
+    /// Texels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Index of its first texel in the map.
+    pub first: u32,
 }
 
-/// The bilinearly filtered value of a height map at (u, v), which must be finite. The value leaves the range of the
-/// four texels by at most 3 ulp of the greatest magnitude among them.
-#[inline]
-pub fn sample_height(texels: &[u32], format: u32, mode: u32, map: &Displacement, uv: Vec2) -> f32 {
-    let f = footprint(uv, map.map_width, map.map_height, mode);
-    let t = height_texels(texels, format, map, &f);
-    lerp(f.fy, lerp(f.fx, t[0], t[1]), lerp(f.fx, t[2], t[3]))
+impl Level {
+    /// The map itself.
+    #[inline]
+    pub fn finest(width: u32, height: u32) -> Level {
+        Level { width, height, first: 0 }
+    }
+
+    /// The next one, half as wide and high. The last one, a single texel, is followed by itself.
+    #[inline]
+    fn next(self) -> Level {
+        let last = self.width == 1 && self.height == 1;
+        Level {
+            width: (self.width / 2).max(1),
+            height: (self.height / 2).max(1),
+            first: if last { self.first } else { self.first + self.width * self.height },
+        }
+    }
+
+    /// Level `number`, counted from this one.
+    #[inline]
+    fn number(self, number: u32) -> Level {
+        let mut level = self;
+        let mut i = 0;
+        while i < number {
+            level = level.next();
+            i += 1;
+        }
+        level
+    }
 }
 
-/// The gradient of [`sample_height`] at (u, v), which must be finite: its growth for a unit of u, and of v. On the lines
-/// through texel centres, where the filter has a kink, it is that of the texels to the right and below.
-#[inline]
-pub fn height_gradient(texels: &[u32], format: u32, mode: u32, map: &Displacement, uv: Vec2) -> Vec2 {
-    let f = footprint(uv, map.map_width, map.map_height, mode);
-    let t = height_texels(texels, format, map, &f);
-    let along_row = lerp(f.fy, t[1] - t[0], t[3] - t[2]);
-    let down = lerp(f.fx, t[2] - t[0], t[3] - t[1]);
-    // Rows are counted downwards, v upwards.
-    Vec2::new(
-        along_row * (map.map_width as f32 * reduce_slope(uv.x, mode)),
-        -down * (map.map_height as f32 * reduce_slope(uv.y, mode)),
-    )
+/// Between which levels of a map a pixel is read.
+#[derive(Clone, Copy, Debug)]
+pub struct LevelOfDetail {
+    /// The finer one, counted from the map itself.
+    number: u32,
+    /// The share of the next one.
+    share: f32,
+}
+
+impl LevelOfDetail {
+    /// The map itself.
+    pub const FINEST: LevelOfDetail = LevelOfDetail { number: 0, share: 0.0 };
+
+    /// For heights where a pixel covers `side` texels: 2^l (1 + s) are read from level l, and by the share s from the
+    /// next. Unlike a logarithm that is computed alike everywhere, and what the levels differ by, if that grows no faster
+    /// than their texels, grows no faster than `side`. The map itself where `side` is not above 1, or NaN.
+    #[inline]
+    pub fn new(side: f32) -> LevelOfDetail {
+        let bits = if side > 1.0 { side.min(MOST_TEXELS).to_bits() } else { 1.0_f32.to_bits() };
+        LevelOfDetail {
+            number: (bits >> 23) - 127,
+            share: f32::from_bits(bits & 0x7f_ffff | 1.0_f32.to_bits()) - 1.0,
+        }
+    }
+}
+
+/// No map has more than 32 levels.
+const MOST_TEXELS: f32 = 2_147_483_648.0;
+
+/// A height map in its buffer.
+#[derive(Clone, Copy)]
+pub struct HeightTexels<'a> {
+    /// The texels of all maps.
+    pub texels: &'a [u32],
+    /// See [`height_format`].
+    pub format: u32,
+    /// See [`wrap`].
+    pub wrap: u32,
+    /// First word of the map.
+    pub first_word: u32,
+}
+
+impl HeightTexels<'_> {
+    /// The texels of a footprint in a level, in its order.
+    #[inline]
+    fn around(&self, level: Level, f: &Footprint) -> [f32; 4] {
+        let first = level.first;
+        [
+            height_texel(self.texels, self.format, self.first_word, first + f.texels[0]),
+            height_texel(self.texels, self.format, self.first_word, first + f.texels[1]),
+            height_texel(self.texels, self.format, self.first_word, first + f.texels[2]),
+            height_texel(self.texels, self.format, self.first_word, first + f.texels[3]),
+        ]
+    }
+
+    /// The filtered value at (u, v), which must be finite, of a map whose levels stand one behind the other; those that are not
+    /// read need not be there. Of the last level alone beyond it. The value leaves the range of the texels by at most 4 ulp of
+    /// the greatest magnitude among them, of a single level by 3.
+    #[inline]
+    pub fn sample(&self, finest: Level, uv: Vec2, detail: LevelOfDetail) -> f32 {
+        let mut level = finest.number(detail.number);
+        let count = if detail.share > 0.0 { 2 } else { 1 };
+        let mut value = 0.0;
+        // A loop, so that the code of the filter stands in a kernel once.
+        let mut i = 0;
+        while i < count {
+            let f = footprint(uv, level.width, level.height, self.wrap);
+            let t = self.around(level, &f);
+            let of_level = lerp(f.fy, lerp(f.fx, t[0], t[1]), lerp(f.fx, t[2], t[3]));
+            value = if i == 0 { of_level } else { lerp(detail.share, value, of_level) };
+            level = level.next();
+            i += 1;
+        }
+        value
+    }
+
+    /// The gradient of [`sample`](Self::sample) at (u, v), which must be finite: its growth for a unit of u, and of v. On the
+    /// lines through texel centres, where the filter has a kink, it is that of the texels to the right and below.
+    #[inline]
+    pub fn gradient(&self, finest: Level, uv: Vec2, detail: LevelOfDetail) -> Vec2 {
+        let mut level = finest.number(detail.number);
+        let count = if detail.share > 0.0 { 2 } else { 1 };
+        let mut gradient = Vec2::ZERO;
+        let mut i = 0;
+        while i < count {
+            let f = footprint(uv, level.width, level.height, self.wrap);
+            let t = self.around(level, &f);
+            let along_row = lerp(f.fy, t[1] - t[0], t[3] - t[2]);
+            let down = lerp(f.fx, t[2] - t[0], t[3] - t[1]);
+            // Rows are counted downwards, v upwards.
+            let of_level = Vec2::new(
+                along_row * (level.width as f32 * reduce_slope(uv.x, self.wrap)),
+                -down * (level.height as f32 * reduce_slope(uv.y, self.wrap)),
+            );
+            gradient = if i == 0 { of_level } else { gradient + (of_level - gradient) * detail.share };
+            level = level.next();
+            i += 1;
+        }
+        gradient
+    }
 }
 
 /// Texel `i` of a colour map that begins at word `first`, linear RGB.
@@ -154,74 +263,46 @@ fn color_texel(texels: &[u32], format: u32, first: u32, i: u32) -> Vec3 {
     }
 }
 
-/// A colour map, or one of its levels.
+/// A colour map in its buffer.
 #[derive(Clone, Copy, Debug)]
-pub struct ColorLevel {
+pub struct ColorTexels<'a> {
+    /// The words of all maps.
+    pub texels: &'a [u32],
     /// See [`color_format`].
     pub format: u32,
     /// See [`wrap`].
     pub wrap: u32,
-    /// Texels of a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
     /// First word of the map, its table's where it has one.
     pub first_word: u32,
-    /// Index of its first texel in the map.
-    pub first: u32,
 }
 
-impl ColorLevel {
-    /// A material's colour map, stored and wrapped so.
+impl ColorTexels<'_> {
+    /// The bilinearly filtered linear RGB of a level at (u, v), which must be finite.
     #[inline]
-    pub fn finest(material: &Material, format: u32, wrap: u32) -> ColorLevel {
-        let &Material { color_width: width, color_height: height, first_word, .. } = material;
-        ColorLevel { format, wrap, width, height, first_word, first: 0 }
+    pub fn sample(&self, level: Level, uv: Vec2) -> Vec3 {
+        let f = footprint(uv, level.width, level.height, self.wrap);
+        let texel =
+            |i: usize| color_texel(self.texels, self.format, self.first_word, level.first + f.texels[i]);
+        texel(0).lerp(texel(1), f.fx).lerp(texel(2).lerp(texel(3), f.fx), f.fy)
     }
 
-    /// The next one, half as wide and high. The last one, a single texel, is followed by itself.
+    /// The linear RGB of a map whose levels stand one behind the other, around (u, v), which must be finite: between
+    /// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is not
+    /// above 1 (or NaN), the last one alone where it is beyond the map.
     #[inline]
-    fn next(self) -> ColorLevel {
-        let last = self.width == 1 && self.height == 1;
-        ColorLevel {
-            width: (self.width / 2).max(1),
-            height: (self.height / 2).max(1),
-            first: if last { self.first } else { self.first + self.width * self.height },
-            ..self
+    pub fn sample_levels(&self, finest: Level, uv: Vec2, side: f32) -> Vec3 {
+        let lod = if side > 1.0 { log2(side.min(MOST_TEXELS)) } else { 0.0 };
+        let below = floor(lod);
+        let mut level = finest.number(below as u32);
+        let mut colors = [Vec3::ZERO; 2];
+        let mut i = 0;
+        while i < 2 {
+            colors[i] = self.sample(level, uv);
+            level = level.next();
+            i += 1;
         }
+        colors[0].lerp(colors[1], lod - below)
     }
-}
-
-/// The bilinearly filtered linear RGB of a level of a colour map at (u, v), which must be finite.
-#[inline]
-pub fn sample_color(texels: &[u32], level: ColorLevel, uv: Vec2) -> Vec3 {
-    let f = footprint(uv, level.width, level.height, level.wrap);
-    let texel = |i: usize| color_texel(texels, level.format, level.first_word, level.first + f.texels[i]);
-    texel(0).lerp(texel(1), f.fx).lerp(texel(2).lerp(texel(3), f.fx), f.fy)
-}
-
-/// The linear RGB of a colour map whose levels stand one behind the other, around (u, v), which must be finite: between
-/// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is not
-/// above 1 (or NaN), the last one alone where it is beyond the map.
-#[inline]
-pub fn sample_color_levels(texels: &[u32], finest: ColorLevel, uv: Vec2, side: f32) -> Vec3 {
-    // No map has more than 32 levels.
-    let lod = if side > 1.0 { log2(side).min(31.0) } else { 0.0 };
-    let below = floor(lod);
-    let mut level = finest;
-    let mut i = 0;
-    while i < below as u32 {
-        level = level.next();
-        i += 1;
-    }
-    let mut colors = [Vec3::ZERO; 2];
-    let mut i = 0;
-    while i < 2 {
-        colors[i] = sample_color(texels, level, uv);
-        level = level.next();
-        i += 1;
-    }
-    colors[0].lerp(colors[1], lod - below)
 }
 
 #[cfg(test)]
@@ -232,9 +313,16 @@ mod tests {
     const MAP: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0, 13.0];
 
     fn sample(mode: u32, u: f32, v: f32) -> f32 {
-        let texels = MAP.map(f32::to_bits);
-        let map = Displacement { map_width: 4, map_height: 2, ..Displacement::default() };
-        sample_height(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, v))
+        floats(&MAP.map(f32::to_bits), mode).sample(
+            Level::finest(4, 2),
+            Vec2::new(u, v),
+            LevelOfDetail::FINEST,
+        )
+    }
+
+    /// A map of floats at the beginning of its buffer.
+    fn floats(texels: &[u32], wrap: u32) -> HeightTexels<'_> {
+        HeightTexels { texels, format: height_format::FLOAT32, wrap, first_word: 0 }
     }
 
     #[test]
@@ -267,9 +355,10 @@ mod tests {
     #[test]
     fn gradient_is_the_growth_for_a_unit_of_u_and_of_v() {
         let texels = MAP.map(f32::to_bits);
-        let map = Displacement { map_width: 4, map_height: 2, ..Displacement::default() };
         let gradient = |mode, u, v| {
-            height_gradient(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, v)).to_array()
+            floats(&texels, mode)
+                .gradient(Level::finest(4, 2), Vec2::new(u, v), LevelOfDetail::FINEST)
+                .to_array()
         };
         // A texel to the right is 1 more and 1/4 of the map on; one upwards is 10 less and 1/2 on.
         assert_eq!(gradient(wrap::CLAMP, 0.25, 0.5), [4.0, -20.0]);
@@ -296,9 +385,11 @@ mod tests {
     fn one_texel_is_constant_everywhere() {
         let texels = [0.25_f32.to_bits()];
         for mode in [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR] {
-            let map = Displacement { map_width: 1, map_height: 1, ..Displacement::default() };
             for u in [-1e6, -0.5, -1e-8, 0.0, 0.3, 1.0, 1e9] {
-                assert_eq!(sample_height(&texels, height_format::FLOAT32, mode, &map, Vec2::new(u, u)), 0.25);
+                assert_eq!(
+                    floats(&texels, mode).sample(Level::finest(1, 1), Vec2::new(u, u), LevelOfDetail::FINEST),
+                    0.25
+                );
             }
         }
     }
@@ -307,10 +398,9 @@ mod tests {
     #[test]
     fn filter_of_the_greatest_texels_stays_between_them() {
         let texels = [-1e30_f32, 1e30, 1e30, -1e30].map(f32::to_bits);
-        let map = Displacement { map_width: 2, map_height: 2, ..Displacement::default() };
         for i in 0..400_u16 {
             let uv = Vec2::new(f32::from(i % 20), f32::from(i / 20)) / 19.0;
-            let value = sample_height(&texels, height_format::FLOAT32, wrap::REPEAT, &map, uv);
+            let value = floats(&texels, wrap::REPEAT).sample(Level::finest(2, 2), uv, LevelOfDetail::FINEST);
             assert!(value.abs() <= 1e30 * (1.0 + 3.0 * f32::EPSILON), "{value} at {uv}");
         }
     }
@@ -334,8 +424,8 @@ mod tests {
         texels.extend((0..256).map(|code| (code as f32 * 2.0).to_bits()));
         texels.push(u32::from_le_bytes([1, 2, 3, 255]));
         let sample = |format, first_word| {
-            let map = Material { color_width: 1, color_height: 1, first_word, ..Material::default() };
-            sample_color(&texels, ColorLevel::finest(&map, format, wrap::REPEAT), Vec2::splat(0.5))
+            let map = ColorTexels { texels: &texels, format, wrap: wrap::REPEAT, first_word };
+            map.sample(Level::finest(1, 1), Vec2::splat(0.5))
         };
         assert_eq!(sample(color_format::SRGB8, 3), Vec3::new(2.0, 4.0, 6.0));
         assert_eq!(sample(color_format::FLOAT32, 0), Vec3::new(0.5, 0.25, 4.0));
@@ -346,13 +436,38 @@ mod tests {
     fn levels_follow_the_side_and_end_with_the_last() {
         let greys = [1.0_f32; 10].into_iter().chain([2.0; 2]).chain([4.0]);
         let texels: Vec<u32> = std::iter::once(0).chain(greys.flat_map(|grey| [grey.to_bits(); 3])).collect();
-        let material = Material { color_width: 5, color_height: 2, first_word: 1, ..Material::default() };
-        let map = ColorLevel::finest(&material, color_format::FLOAT32, wrap::MIRROR);
-        let grey = |side| sample_color_levels(&texels, map, Vec2::new(0.3, 0.8), side).x;
+        let map =
+            ColorTexels { texels: &texels, format: color_format::FLOAT32, wrap: wrap::MIRROR, first_word: 1 };
+        let grey = |side| map.sample_levels(Level::finest(5, 2), Vec2::new(0.3, 0.8), side).x;
         for (side, want) in [(f32::NAN, 1.0), (0.0, 1.0), (1.0, 1.0), (2.0, 2.0), (4.0, 4.0)] {
             assert_eq!(grey(side), want, "{side}");
         }
         assert!((grey(2.0_f32.sqrt()) - 1.5).abs() < 1e-6 && (grey(8.0_f32.sqrt()) - 3.0).abs() < 1e-6);
         assert_eq!((grey(1e30), grey(f32::INFINITY)), (4.0, 4.0));
+    }
+
+    /// The same of heights, whose levels are mixed linearly in the side.
+    #[test]
+    fn levels_of_heights_follow_the_side_and_end_with_the_last() {
+        let greys: Vec<u32> =
+            [1.0_f32; 10].into_iter().chain([2.0; 2]).chain([4.0]).map(f32::to_bits).collect();
+        let map = floats(&greys, wrap::CLAMP);
+        let sample = |side| map.sample(Level::finest(5, 2), Vec2::new(0.3, 0.8), LevelOfDetail::new(side));
+        let expected = [(f32::NAN, 1.0), (0.0, 1.0), (1.0, 1.0), (1.25, 1.25), (2.0, 2.0), (3.5, 3.5)];
+        for (side, want) in expected.into_iter().chain([(4.0, 4.0), (1e30, 4.0), (f32::INFINITY, 4.0)]) {
+            assert_eq!(sample(side), want, "{side}");
+        }
+    }
+
+    /// Of the map of the tests above with a second level of means: a texel to the right is 4 more at half the distance.
+    #[test]
+    fn gradient_of_levels_is_between_theirs() {
+        let texels: Vec<u32> = MAP.into_iter().chain([5.5, 7.5]).map(f32::to_bits).collect();
+        let map = floats(&texels, wrap::CLAMP);
+        let gradient = |side| {
+            map.gradient(Level::finest(4, 2), Vec2::new(0.5, 0.5), LevelOfDetail::new(side)).to_array()
+        };
+        assert_eq!((gradient(1.0), gradient(2.0)), ([4.0, -20.0], [4.0, 0.0]));
+        assert_eq!(gradient(1.25), [4.0, -15.0]);
     }
 }

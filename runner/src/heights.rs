@@ -1,9 +1,10 @@
 //! The height maps of a scene as the kernels read them: texels one map behind the other, with room for a min/max pyramid
 //! of each, which backends build.
 
+use crate::height_levels;
 use crate::render::RenderError;
-use crate::scene::Relief;
-use crate::settings::Wrap;
+use crate::scene::{HeightMap, Relief};
+use crate::settings::{Filter, Wrap};
 use emboss_kernels::displacement::height_pyramid::{
     Pyramid, level_offset, level_words, pyramid_words, top_level,
 };
@@ -26,14 +27,24 @@ pub struct Heights {
     pub wrap: u32,
 }
 
+/// How a scene's maps are read.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// Whether they displace: without that heights are all zero.
+    pub displaced: bool,
+    /// How maps go on whose reliefs do not say it.
+    pub wrap: Wrap,
+    /// Whether their levels are needed.
+    pub filter: Filter,
+}
+
 impl Heights {
     /// Packs the maps of `reliefs`, each once however many share it; those that share its wrap too share its pyramid.
-    /// Without `displaced` heights are all zero. `usual_wrap` is that of reliefs that do not say theirs.
-    ///
     /// # Errors
     /// [`RenderError::MapsTooLarge`] where maps or pyramids are more than 32 bits can number.
-    pub fn pack(reliefs: Vec<Relief>, displaced: bool, usual_wrap: Wrap) -> Result<Heights, RenderError> {
-        let wrap_of = |relief: &Relief| relief.wrap.unwrap_or(usual_wrap).id();
+    pub fn pack(reliefs: Vec<Relief>, reading: Reading) -> Result<Heights, RenderError> {
+        let wrap_of = |relief: &Relief| relief.wrap.unwrap_or(reading.wrap).id();
+        let filtered = reading.displaced && reading.filter == Filter::Trilinear;
         let mut displacements: Vec<Displacement> = Vec::with_capacity(reliefs.len());
         let (mut words, mut range_words) = (0, 0);
         for (i, relief) in reliefs.iter().enumerate() {
@@ -41,13 +52,14 @@ impl Heights {
             let same_map = (0..i).filter(|&other| Arc::ptr_eq(&reliefs[other].map, map));
             let first_word = match same_map.clone().next() {
                 Some(other) => displacements[other].first_word,
+                None if filtered => grown(&mut words, height_levels::words(map))?,
                 None => grown(&mut words, map.texels.len() as u64)?,
             };
             let first_range = match same_map.clone().find(|&other| displacements[other].wrap == wrap) {
                 Some(other) => displacements[other].first_range,
                 None => grown(&mut range_words, pyramid_words(map.format, map.width, map.height).into())?,
             };
-            let scale = if displaced { relief.scale } else { 0.0 };
+            let scale = if reading.displaced { relief.scale } else { 0.0 };
             let (height_min, height_max) =
                 Displacement::height_range(map.range.0, map.range.1, relief.zero, scale);
             displacements.push(Displacement {
@@ -61,20 +73,41 @@ impl Heights {
                 first_range,
                 format: map.format,
                 wrap,
+                roughness: 0.0,
             });
         }
         let format = common(displacements.iter().map(|map| map.format), height_format::PER_MAP);
         let wrap = common(displacements.iter().map(|map| map.wrap), wrap::PER_MAP);
         let mut texels = Vec::new();
-        for (relief, map) in reliefs.into_iter().zip(&displacements) {
-            if texels.is_empty() {
+        for (i, relief) in reliefs.into_iter().enumerate() {
+            let is_new = displacements[i].first_word as usize == texels.len();
+            if is_new && filtered {
+                texels.extend(append_levels(&relief.map, &mut displacements[i..]));
+            } else if texels.is_empty() {
                 texels = Arc::unwrap_or_clone(relief.map).texels;
-            } else if map.first_word as usize == texels.len() {
+            } else if is_new {
                 texels.extend_from_slice(&relief.map.texels);
             }
         }
         Ok(Heights { displacements, texels, format, wrap })
     }
+}
+
+/// The words of a map with its levels. Gives its roughness to those of `displacements` that are of it: the first is.
+fn append_levels(map: &HeightMap, displacements: &mut [Displacement]) -> Vec<u32> {
+    let first_word = displacements[0].first_word;
+    let wraps = [wrap::REPEAT, wrap::CLAMP, wrap::MIRROR];
+    let of_map = |displacement: &&mut Displacement| displacement.first_word == first_word;
+    let used: Vec<u32> = wraps
+        .into_iter()
+        .filter(|&wrap| displacements.iter().any(|d| d.first_word == first_word && d.wrap == wrap))
+        .collect();
+    let (words, roughness) = height_levels::with_levels(map, &used);
+    for displacement in displacements.iter_mut().filter(of_map) {
+        let wrap = used.iter().position(|&wrap| wrap == displacement.wrap);
+        displacement.roughness = wrap.map_or(0.0, |i| roughness[i]);
+    }
+    words
 }
 
 /// The maps that pyramids are built of, with their indices: of those that share a pyramid the first.
@@ -138,7 +171,10 @@ pub(crate) fn grown(words: &mut u32, more: u64) -> Result<u32, RenderError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::HeightMap;
+
+    fn reading(wrap: Wrap) -> Reading {
+        Reading { displaced: true, wrap, filter: Filter::Bilinear }
+    }
 
     fn map(format: u32, words: usize) -> Arc<HeightMap> {
         let texels = vec![0; words];
@@ -156,7 +192,7 @@ mod tests {
             relief(&a, Some(Wrap::Mirror), 1.0),
             relief(&a, Some(Wrap::Repeat), 2.0),
         ];
-        let heights = Heights::pack(reliefs, true, Wrap::Repeat).expect("small");
+        let heights = Heights::pack(reliefs, reading(Wrap::Repeat)).expect("small");
         let places: Vec<_> =
             heights.displacements.iter().map(|map| (map.first_word, map.first_range)).collect();
         let words = |map: &HeightMap| pyramid_words(map.format, 4, 2);
@@ -171,7 +207,7 @@ mod tests {
     #[test]
     fn what_is_alike_is_known() {
         let reliefs = [0.1, 0.2].map(|scale| Relief::new(map(height_format::UNORM16, 4), 0.0, scale)).into();
-        let heights = Heights::pack(reliefs, true, Wrap::Mirror).expect("small");
+        let heights = Heights::pack(reliefs, reading(Wrap::Mirror)).expect("small");
         assert_eq!((heights.format, heights.wrap), (height_format::UNORM16, wrap::MIRROR));
     }
 

@@ -7,6 +7,7 @@ pub mod bvh;
 pub mod cli;
 pub mod colors;
 pub mod framing;
+pub mod height_levels;
 pub mod heights;
 pub mod picture;
 pub mod render;

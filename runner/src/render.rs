@@ -5,11 +5,12 @@ use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
 use crate::bvh::HostAabb;
 use crate::colors::Colors;
 use crate::framing::{self, Framing, FramingError, View};
-use crate::heights::{self, Heights};
+use crate::height_levels::texel_scales;
+use crate::heights::{self, Heights, Reading};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
-use crate::settings::{DisplacementKind, Light, Method, Settings, Weld};
+use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{FilmPixel, Frame, PointLight};
 use emboss_kernels::scene::Features;
@@ -183,7 +184,13 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         Weld::On => SeamTable::find(&mut mesh, settings.displacement),
         Weld::Off => SeamTable::default(),
     };
-    let heights = Heights::pack(reliefs, settings.method != Method::None, settings.wrap)?;
+    let displaced = settings.method != Method::None;
+    let reading = Reading { displaced, wrap: settings.wrap, filter: settings.filter };
+    let heights = Heights::pack(reliefs, reading)?;
+    let texel_scales = match settings.filter {
+        Filter::Bilinear => Vec::new(),
+        Filter::Trilinear => texel_scales(&mesh, &heights),
+    };
     let colors = Colors::pack(materials, settings.wrap, settings.filter)?;
     let features = Features {
         method: settings.method.id(),
@@ -198,7 +205,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         seams: u32::from(!seams.seams.is_empty()),
         smooth: u32::from(settings.smooth),
         displacement: settings.displacement.id(),
-        color_filter: settings.filter.id(),
+        filter: settings.filter.id(),
     };
     let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {
@@ -218,6 +225,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let buffers = SceneBuffers {
         vertices: mesh.vertices,
         tangents,
+        texel_scales,
         triangles: mesh.triangles,
         displacements: heights.displacements,
         height_texels: heights.texels,

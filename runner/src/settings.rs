@@ -1,7 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{color_filter, displacement_kind, method, normals, shade, wrap};
+use emboss_kernels::interface::{displacement_kind, filter, method, normals, shade, wrap};
 use glam::Vec3;
 use std::str::FromStr;
 
@@ -225,13 +225,13 @@ impl Wrap {
     }
 }
 
-/// How the colour map is read.
+/// How maps are read where a pixel covers many texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Filter {
-    /// Between the four texels around a point: from afar it needs many samples
+    /// Between the four texels around a point: from afar that needs many samples
     Bilinear,
-    /// Between levels of the map, as large as the pixel is on the surface
+    /// Between levels of the maps, as large as the pixel is on the surface; of heights so that silhouettes stay
     Trilinear,
 }
 
@@ -239,8 +239,8 @@ impl Filter {
     /// Its value for the kernels.
     pub fn id(self) -> u32 {
         match self {
-            Filter::Bilinear => color_filter::BILINEAR,
-            Filter::Trilinear => color_filter::TRILINEAR,
+            Filter::Bilinear => filter::BILINEAR,
+            Filter::Trilinear => filter::TRILINEAR,
         }
     }
 }
@@ -283,7 +283,7 @@ pub struct Settings {
     pub shadows: bool,
     /// How maps are read outside [0,1) unless they say it themselves.
     pub wrap: Wrap,
-    /// How the colour map is read.
+    /// How maps are read.
     pub filter: Filter,
     /// Where the camera is.
     pub view: View,

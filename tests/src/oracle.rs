@@ -110,7 +110,7 @@ impl Oracle {
     }
 
     fn with_rounding(buffers: &SceneBuffers, frame: &Frame, features: Features, rounding: Rounding) -> Self {
-        let base = Base::new(buffers, features, rounding, frame.triangle_count, frame.subdivisions);
+        let base = Base::new(buffers, frame, features, rounding);
         let pieces: Vec<Piece> =
             (0..frame.triangle_count).into_par_iter().map(|triangle| Piece::new(&base, triangle)).collect();
         let vertex_error = pieces.iter().fold(0.0, |most, piece| piece.error.max(most));

@@ -121,6 +121,26 @@ impl ReadyJob {
         self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("the light is the frame's");
     }
 
+    /// Looks from so near, by pixels so wide, that where maps are filtered some places are read from the maps themselves and
+    /// others from their levels: over the middle of the model a pixel covers four texels, or what is not too rough for that.
+    ///
+    /// # Panics
+    /// Where maps are not filtered.
+    pub fn look_from_near(&mut self) {
+        let bounds = self.bounds();
+        let (middle, extent) = ((bounds.min + bounds.max) * 0.5, bounds.max - bounds.min);
+        let mut sizes: Vec<f32> = self.job.buffers.texel_scales.iter().map(|scale| scale.size).collect();
+        sizes.sort_by(f32::total_cmp);
+        let map = self.job.buffers.displacements[0];
+        let texel = sizes[sizes.len() / 2].max(2.2 * (map.scale * map.roughness).abs());
+        let frame = &mut self.job.frame;
+        frame.camera.eye = middle + extent * Vec3::new(0.45, -0.3, 0.6);
+        let reach = frame.height_min.abs().max(frame.height_max.abs());
+        let distance = frame.camera.eye.distance(middle) - reach;
+        frame.camera.up = Vec3::Y * (0.5 * frame.height as f32 * 4.0 * texel / distance);
+        self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("only the camera is another");
+    }
+
     /// The box of each prism.
     pub fn boxes(&self) -> &[Aabb] {
         self.scene.boxes()

@@ -45,6 +45,11 @@ fn patchwork_is_exact() {
     court(&mut CpuBackend::new()).judge_patchwork(rays(100_000, 10_000_000));
 }
 
+#[test]
+fn filtered_maps_are_exact() {
+    court(&mut CpuBackend::new()).judge_filtered(rays(100_000, 10_000_000));
+}
+
 /// What the grid walk gets wrong on the built-in scenes, by kind of ray: the first row of the accuracy table in
 /// EXACTNESS.md, which this prints. The quadtree gets none of the same rays wrong.
 ///

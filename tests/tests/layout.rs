@@ -9,7 +9,7 @@ use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame,
     Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE,
-    Tangent, Tile, Triangle, Vertex, binding, spec,
+    Tangent, TexelScale, Tile, Triangle, Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -112,12 +112,14 @@ shared! {
     }
     SeamSide { start, end, displacement, vertices }
     Tangent { direction, sign }
+    TexelScale { size, span }
     BvhNode { min, first, max, count }
     PointLight { position, intensity, color, padding }
     Camera { eye, padding0, right, padding1, up, padding2, forward, padding3 }
     Material { albedo, color_format, color_width, color_height, color_wrap, first_word }
     Displacement {
-        scale, zero, map_width, map_height, height_min, height_max, first_word, first_range, format, wrap
+        scale, zero, map_width, map_height, height_min, height_max, first_word, first_range, format, wrap,
+        roughness
     }
     Frame {
         camera, width, height, seed, light_count, background, background_alpha, ambient, triangle_count, steps_scale,
@@ -190,6 +192,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::COSTS, u32::many()),
         (binding::MATERIALS, Material::many()),
         (binding::TANGENTS, Tangent::many()),
+        (binding::TEXEL_SCALES, TexelScale::many()),
     ]
 }
 

@@ -173,6 +173,7 @@ fn scene_with_every_buffer_loads() {
         materials: vec![Material::default()],
         lights: vec![PointLight::default()],
         tangents: vec![Tangent::default(); 3],
+        texel_scales: vec![],
     };
     // `triangle_count` stays 0, so that nothing of this is read.
     backend.load(&scene, &frame(16, 16), Features::default()).unwrap();

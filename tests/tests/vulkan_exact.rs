@@ -38,6 +38,11 @@ fn linear_normals_are_exact() {
 }
 
 #[test]
+fn filtered_maps_are_exact() {
+    judge(|court| court.judge_filtered(rays(20_000, 10_000_000)));
+}
+
+#[test]
 fn patchwork_is_exact() {
     judge(|court| court.judge_patchwork(rays(20_000, 10_000_000)));
 }

@@ -3,7 +3,7 @@
 //! out what cannot be reached.
 
 use emboss_kernels::interface::{
-    binding, color_filter, color_format, displacement_kind, height_format, method, normals, shade, wrap,
+    binding, color_format, displacement_kind, filter, height_format, method, normals, shade, wrap,
 };
 use emboss_kernels::scene::Features;
 use rspirv::dr::Operand;
@@ -27,7 +27,7 @@ const ALL: Features = Features {
     seams: 1,
     smooth: 1,
     displacement: displacement_kind::HEIGHT,
-    color_filter: color_filter::TRILINEAR,
+    filter: filter::TRILINEAR,
 };
 
 /// What is left of an entry point.
@@ -123,7 +123,7 @@ fn features_that_are_off_leave_no_code() {
         (Features { shade: shade::NORMAL, ..ALL }, &[binding::LIGHTS, binding::COLOR_TEXELS]),
         (Features { counters: 0, ..ALL }, &[]),
         (Features { smooth: 0, ..ALL }, &[]),
-        (Features { color_filter: color_filter::BILINEAR, ..ALL }, &[]),
+        (Features { filter: filter::BILINEAR, ..ALL }, &[]),
     ];
     for (features, unread) in off {
         let without = specialized("render", features);

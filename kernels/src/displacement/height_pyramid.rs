@@ -417,7 +417,9 @@ pub fn height_bounds(field: &HeightField<'_>, vertices: &[Vertex], triangle: Tri
     let a = uv_of(vertices, triangle.vertices[0]);
     let b = uv_of(vertices, triangle.vertices[1]);
     let c = uv_of(vertices, triangle.vertices[2]);
-    uv_box_bounds(field, triangle.displacement, a.min(b).min(c), a.max(b).max(c))
+    let [i, j, k] = triangle.vertices;
+    let span = field.span(i).max(field.span(j)).max(field.span(k));
+    uv_box_bounds(field, triangle.displacement, a.min(b).min(c), a.max(b).max(c), span)
 }
 
 /// Texture coordinates of vertex `i`.
@@ -427,14 +429,21 @@ fn uv_of(vertices: &[Vertex], i: u32) -> Vec2 {
     Vec2::new(vertex.u, vertex.v)
 }
 
-/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`. Of vector displacement minus and plus the
-/// sum of its components' greatest magnitudes: the vector is no longer than that, whatever unit vectors it is along.
-pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high: Vec2) -> (f32, f32) {
+/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`, read for pixels of up to `span` texels. Of
+/// vector displacement minus and plus the sum of its components' greatest magnitudes: the vector is no longer than that,
+/// whatever unit vectors it is along.
+pub fn uv_box_bounds(
+    field: &HeightField<'_>,
+    displacement: u32,
+    uv_low: Vec2,
+    uv_high: Vec2,
+    span: f32,
+) -> (f32, f32) {
     let count = if field.is_vector() { 3 } else { 1 };
     let (mut bounds, mut length) = ((0.0, 0.0), 0.0);
     let mut axis = 0;
     while axis < count {
-        bounds = map_bounds(field, displacement + axis, uv_low, uv_high);
+        bounds = map_bounds(field, displacement + axis, uv_low, uv_high, span);
         length += bounds.0.abs().max(bounds.1.abs());
         axis += 1;
     }
@@ -447,7 +456,13 @@ pub fn uv_box_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, u
 }
 
 /// Bounds on the heights of one map.
-fn map_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high: Vec2) -> (f32, f32) {
+fn map_bounds(
+    field: &HeightField<'_>,
+    displacement: u32,
+    uv_low: Vec2,
+    uv_high: Vec2,
+    span: f32,
+) -> (f32, f32) {
     let map = field.displacement(displacement);
     let pyramid = field.pyramid(map);
     // Rows of a map run downwards.
@@ -455,6 +470,7 @@ fn map_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high:
     let (low, high) = (a.min(b), a.max(b));
     let greatest = uv_low.abs().max(uv_high.abs());
     let error = texel_error(&map, greatest);
+    let error = if field.is_filtered() { error + level_support(&map, span) } else { error };
     let (low, high) = (low - error, high + error);
     let x = fold(low.x, high.x, map.map_width, pyramid.wrap);
     let y = fold(low.y, high.y, map.map_height, pyramid.wrap);
@@ -477,11 +493,25 @@ fn map_bounds(field: &HeightField<'_>, displacement: u32, uv_low: Vec2, uv_high:
     Displacement::height_range(range.min, range.max, map.zero, map.scale)
 }
 
+/// How far, in texels, the levels up to the one whose texels are `span` wide, a power of two, reach beyond the point that a
+/// filter reads. A texel of theirs is r texels of the map wide, and the filter reads those up to 1.5 r away. Where sides are odd, a
+/// texel is made of parts of such ones of the level before that reach beyond it, these by less than half of r, and so on:
+/// r more in all.
+#[inline]
+fn level_support(map: &Displacement, span: f32) -> Vec2 {
+    let level = (span.max(1.0).to_bits() >> 23) - 127;
+    // No map has more than 32 levels.
+    let level = level.min(31);
+    let width = map.map_width as f32 / (map.map_width >> level).max(1) as f32;
+    let height = map.map_height as f32 / (map.map_height >> level).max(1) as f32;
+    Vec2::new(width, height) * 2.5
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::barycentric::grid_point;
-    use crate::displacement::surface::BaseTriangle;
+    use crate::displacement::surface::{BaseTriangle, Pixel};
     use crate::math::tests::Numbers;
     use crate::scene::Features;
     use crate::test_scene::{FLAT, TestScene};
@@ -520,7 +550,7 @@ mod tests {
             let base = BaseTriangle::load(&view, 0);
             for j in 0..=24 {
                 for k in 0..=24 - j {
-                    let h = field.height(&scene.displacements[0], base.uv(grid_point(j, k, 24)));
+                    let h = field.height(&scene.displacements[0], base.uv(grid_point(j, k, 24)), Pixel::NONE);
                     assert!(
                         h >= low && h <= high,
                         "{h} outside [{low}, {high}], wrap {}",

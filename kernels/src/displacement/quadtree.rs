@@ -425,6 +425,9 @@ struct Prism {
     map: Displacement,
     /// What rounding can move a micro-vertex by, relative to the ray and to the bounds.
     margin: f32,
+    /// The eye in the frame, and the least size of texels, where maps are filtered by their levels.
+    eye: Vec3,
+    least_texel: f32,
 }
 
 impl Prism {
@@ -489,6 +492,8 @@ impl Prism {
             texel_error: texel_error(&map, greatest_uv),
             map,
             margin,
+            eye: frame.point(field.eye),
+            least_texel: if field.is_filtered() { field.least_texel(base.vertices) } else { 0.0 },
         }
     }
 
@@ -537,7 +542,7 @@ impl Prism {
         let n = field.subdivisions;
         if field.is_vector() {
             let base = BaseTriangle::load(scene, self.primitive);
-            return vector_bounds::of_node(field, &base, &self.frame, node, has_seams);
+            return vector_bounds::of_node(field, &base, &self.frame, node, has_seams, self.margin);
         }
         let (j0, k0) = node.corner(0, n);
         let (j1, k1) = node.corner(1, n);
@@ -551,6 +556,12 @@ impl Prism {
 
         let (p0, p1, p2) = (self.position.at(j0, k0), self.position.at(j1, k1), self.position.at(j2, k2));
         let (n0, n1, n2) = (self.normal.at(j0, k0), self.normal.at(j1, k1), self.normal.at(j2, k2));
+        let (least, greatest) = if field.is_filtered() {
+            let distance = farthest(self.eye, p0, p1, p2) + self.margin;
+            filtered_range(field, &self.map, distance, self.least_texel, least, greatest)
+        } else {
+            (least, greatest)
+        };
         let lifts = if field.normals == normals::LINEAR {
             Lifts { min: least, max: greatest, bounded: true }
         } else {
@@ -593,14 +604,11 @@ impl Prism {
         while e < 3 {
             let corner_touched = touched | 1 << e == 7;
             if corner_touched && seams.flags >> e & 1 != 0 {
-                let height = if e == 0 {
-                    seams.heights[0]
-                } else if e == 1 {
-                    seams.heights[1]
-                } else {
-                    seams.heights[2]
-                };
-                bounds = bounds.including(self.frame.point(base.position(e) + seams.direction(e) * height));
+                let (low, high) = seams.corner_range(field, e);
+                let (p, direction) = (base.position(e), seams.direction(e));
+                bounds = bounds
+                    .including(self.frame.point(p + direction * low))
+                    .including(self.frame.point(p + direction * high));
             }
             if touched >> e & 1 != 0 && seams.flags >> (3 + e) & 1 != 0 {
                 let (start, end) = node.stretch_of_edge(e, n);
@@ -630,6 +638,28 @@ impl Prism {
         }
         bounds
     }
+}
+
+/// How far `eye` is from the farthest of three points, and so from the farthest of their triangle.
+#[inline]
+pub(super) fn farthest(eye: Vec3, a: Vec3, b: Vec3, c: Vec3) -> f32 {
+    let (a, b, c) = (a - eye, b - eye, c - eye);
+    sqrt(dot(a, a).max(dot(b, b)).max(dot(c, c)))
+}
+
+/// Bounds on the heights that `map` gives by its levels over points up to `distance` from the eye, with texels no smaller than
+/// `texel`, from those on what it gives itself there: a level is a mean of other texels too, but differs by little.
+#[inline]
+pub(super) fn filtered_range(
+    field: &HeightField<'_>,
+    map: &Displacement,
+    distance: f32,
+    texel: f32,
+    least: f32,
+    greatest: f32,
+) -> (f32, f32) {
+    let error = field.filter_error(map, distance, texel);
+    (least - error, greatest + error)
 }
 
 /// Bounds on lifts.
@@ -690,7 +720,7 @@ mod tests {
     use super::*;
     use crate::displacement::brute_force;
     use crate::displacement::test_prism::{FEATURES, Prism, random_ray};
-    use crate::interface::displacement_kind;
+    use crate::interface::{displacement_kind, filter};
     use crate::math::tests::Numbers;
     use crate::scene::Features;
 
@@ -762,8 +792,26 @@ mod tests {
         compare_in(&VECTOR_MODES, 13, 5_000, 1.5, 1.0, 54);
     }
 
+    #[test]
+    fn filtered_heights() {
+        compare_in(&FILTERED_MODES, 14, 10_000, 0.3, 0.3, 30);
+    }
+
+    #[test]
+    fn bounds_hold_every_filtered_micro_vertex() {
+        // Levels add half a pixel either way, and pixels are of any size here.
+        assert_bounds_hold(&FILTERED_MODES, 7, f64::INFINITY);
+    }
+
     /// Both directions of displacement.
     const MODES: [Features; 2] = [FEATURES, Features { normals: normals::LINEAR, ..FEATURES }];
+
+    /// Both directions, and vectors, filtered by levels.
+    const FILTERED_MODES: [Features; 3] = [
+        Features { filter: filter::TRILINEAR, ..MODES[0] },
+        Features { filter: filter::TRILINEAR, ..MODES[1] },
+        Features { filter: filter::TRILINEAR, ..VECTOR_MODES[0] },
+    ];
 
     /// Vectors along unit vectors, along axes as they are interpolated, along x, y and z.
     const VECTOR_MODES: [Features; 3] = [
@@ -775,11 +823,12 @@ mod tests {
     /// A prism for a mode.
     fn random_prism(numbers: &mut Numbers, mode: Features, n: u32, spread: f32, relief: f32) -> Prism {
         let prism = Prism::random(numbers, n, spread, relief);
-        if mode.displacement == displacement_kind::HEIGHT {
+        let prism = if mode.displacement == displacement_kind::HEIGHT {
             prism
         } else {
             prism.with_vectors(numbers, mode.displacement, spread)
-        }
+        };
+        if mode.filter == filter::BILINEAR { prism } else { prism.filtered(numbers) }
     }
 
     /// A node of the quadtree of `prism`, reached by random steps from the root.

@@ -1,7 +1,7 @@
 //! What the triangles at a seam or at a decided corner share of heights: see [`Seams`].
 
 use crate::displacement::height_pyramid::uv_box_bounds;
-use crate::displacement::surface::{HeightField, component};
+use crate::displacement::surface::{HeightField, Pixel, component};
 use crate::interface::Seams;
 use crate::math::{Sum, UNIT_ROUNDOFF};
 use glam::Vec2;
@@ -10,7 +10,8 @@ use glam::Vec2;
 /// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are. Of vector displacement
 /// bounds on lengths at both.
 ///
-/// Every entry at a corner reads the same sides in the same order, so that all have the same bits.
+/// Every entry at a corner reads the same sides in the same order, so that all have the same bits. Where maps are filtered
+/// by their levels corners are read by each view for itself, and their heights here are those of the maps themselves.
 pub fn decide_seams(field: &HeightField<'_>, seams: Seams) -> Seams {
     let mut decided = seams;
     let mut e = 0;
@@ -41,7 +42,8 @@ fn mean_height(field: &HeightField<'_>, first: u32, count: u32) -> f32 {
     let mut i = 0;
     while i < count {
         let side = field.seam_side(first + i);
-        sum = sum.plus(field.height(&field.displacement(side.displacement), Vec2::from_array(side.start)));
+        let map = field.displacement(side.displacement);
+        sum = sum.plus(field.height(&map, Vec2::from_array(side.start), Pixel::NONE));
         i += 1;
     }
     sum.mean(count)
@@ -54,7 +56,8 @@ fn height_range(field: &HeightField<'_>, first: u32, count: u32) -> (f32, f32) {
     while i < count {
         let side = field.seam_side(first + i);
         let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
-        let range = uv_box_bounds(field, side.displacement, start.min(end), start.max(end));
+        let span = field.span(side.vertices[0]).max(field.span(side.vertices[1]));
+        let range = uv_box_bounds(field, side.displacement, start.min(end), start.max(end), span);
         (low, high) = (low.plus(range.0), high.plus(range.1));
         magnitude = magnitude.max(range.0.abs()).max(range.1.abs());
         i += 1;

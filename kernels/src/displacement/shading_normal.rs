@@ -24,6 +24,9 @@ impl BaseTriangle {
     ///
     ///   A × B + h'_1 (d × B) + h'_2 (A × d),  A = P'_1 + h d'_1,  B = P'_2 + h d'_2.
     ///
+    /// Where maps are filtered by their levels, h' leaves out that the level changes along the surface: by less than 0.7
+    /// times the angle of a pixel, since levels differ by less than half a pixel.
+    ///
     /// It is that of the triangle's own height field, also where a seam decides heights and directions at its border.
     /// A triangle of no extent in the map has h' = 0. `ng` may lie on the other side, or more than a right angle away,
     /// where a micro-triangle spans a relief too steep for it.
@@ -43,8 +46,9 @@ impl BaseTriangle {
             (d, (n1 - d * dot(d, n1)) / length, (n2 - d * dot(d, n2)) / length)
         };
         let uv = self.uv(w);
-        let h = field.height(&self.map, uv);
-        let gradient = field.height_gradient(&self.map, uv);
+        let pixel = self.pixel(field, w);
+        let h = field.height(&self.map, uv, pixel);
+        let gradient = field.height_gradient(&self.map, uv, pixel);
         let (h1, h2) = (gradient.dot(self.t1 - self.t0), gradient.dot(self.t2 - self.t0));
         let (a, b) = (self.p1 - self.p0 + d1 * h, self.p2 - self.p0 + d2 * h);
         let normal = unit(cross(a, b) + cross(d, b) * h1 + cross(a, d) * h2);

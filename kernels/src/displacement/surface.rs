@@ -8,12 +8,13 @@ use crate::displacement::quadtree::{Node, RayFrame};
 use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
-    Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, Triangle, Vertex, displacement_kind, normals,
+    Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex,
+    displacement_kind, filter, normals,
 };
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
-use crate::texture::{height_gradient, sample_height};
+use crate::texture::{HeightTexels, Level, LevelOfDetail};
 use crate::triangle;
 use glam::{Vec2, Vec3};
 
@@ -42,7 +43,49 @@ pub struct HeightField<'a> {
     pub subdivisions: u32,
     /// Whether any triangle has seams.
     welded: bool,
+    /// How maps are read: see [`filter`].
+    filter: u32,
+    texel_scales: &'a [TexelScale],
+    /// From where pixels are seen, where maps are filtered by their levels.
+    pub(super) eye: Vec3,
+    /// Side of a pixel at distance 1 from there.
+    pixel: f32,
+    /// Least and greatest height of all maps.
+    heights: (f32, f32),
 }
+
+/// A pixel where a map is read, in model units.
+#[derive(Clone, Copy)]
+pub struct Pixel {
+    /// Its side.
+    side: f32,
+    /// How large texels are.
+    texels: TexelScale,
+}
+
+impl Pixel {
+    /// One for fields that are not filtered by levels, and for what is read of the map itself.
+    pub const NONE: Pixel = Pixel { side: 0.0, texels: TexelScale { size: 0.0, span: 0.0 } };
+
+    /// How many texels of `map` it covers a side: so many that what they differ by is less than half of it.
+    #[inline]
+    fn texels_across(&self, map: &Displacement) -> f32 {
+        (self.side / finest(map, self.texels.size)).min(self.texels.span)
+    }
+}
+
+/// The side of a pixel from which on levels of `map` are read, in model units: that of a texel, or more where the relief is
+/// so rough that levels would be off by half a pixel.
+#[inline]
+fn finest(map: &Displacement, texel: f32) -> f32 {
+    texel.max(ROUGHNESS_SIDES * (map.scale * map.roughness).abs())
+}
+
+/// How many times its roughness a pixel must be wide: then a level's filtered heights, which differ from the map's by the
+/// roughness times the texels that the pixel covers, differ by less than [`MOST_ERROR`] pixels.
+const ROUGHNESS_SIDES: f32 = 2.2;
+/// What levels change heights by, in pixels: above 1 / [`ROUGHNESS_SIDES`] by a tenth, for what is rounded.
+const MOST_ERROR: f32 = 0.5;
 
 impl<'a> HeightField<'a> {
     /// The height field of a scene.
@@ -62,7 +105,70 @@ impl<'a> HeightField<'a> {
             normals: features.normals,
             subdivisions: scene.frame.subdivisions,
             welded: features.seams != 0,
+            filter: features.filter,
+            texel_scales: scene.texel_scales,
+            eye: scene.frame.camera.eye,
+            pixel: scene.frame.pixel_side(),
+            heights: (scene.frame.height_min, scene.frame.height_max),
         }
+    }
+
+    /// Whether maps are filtered by their levels.
+    #[inline]
+    pub fn is_filtered(&self) -> bool {
+        self.filter != filter::BILINEAR
+    }
+
+    /// How large texels are at vertex number `i`, where maps are filtered by their levels: size, span.
+    #[inline]
+    pub fn texel_scale(&self, i: u32) -> Vec2 {
+        let scale = at(self.texel_scales, i);
+        Vec2::new(scale.size, scale.span)
+    }
+
+    /// How many texels a side pixels cover at vertex number `i` at the most; 1 where maps are not filtered by their levels.
+    #[inline]
+    pub(super) fn span(&self, i: u32) -> f32 {
+        if self.filter == filter::BILINEAR { 1.0 } else { self.texel_scale(i).y }
+    }
+
+    /// The least size of texels at three vertices, where maps are filtered by their levels.
+    #[inline]
+    pub(super) fn least_texel(&self, vertices: [u32; 3]) -> f32 {
+        let [a, b, c] = vertices;
+        self.texel_scale(a).x.min(self.texel_scale(b).x).min(self.texel_scale(c).x)
+    }
+
+    /// A bound on the side of pixels on the displaced surface over points at `distance` from the eye, from below: one that is
+    /// displaced towards it is as much nearer.
+    #[inline]
+    fn pixel_side(&self, distance: f32) -> f32 {
+        let reach = self.heights.0.abs().max(self.heights.1.abs());
+        self.pixel * (distance - reach).max(0.0)
+    }
+
+    /// The pixel over the point `p` of a base triangle or of its edge, with barycentric coordinates `w` and these vertices: from
+    /// what both triangles at an edge know.
+    #[inline]
+    pub(super) fn pixel_at(&self, p: Vec3, w: Vec3, vertices: [u32; 3]) -> Pixel {
+        if self.filter == filter::BILINEAR {
+            return Pixel::NONE;
+        }
+        let [a, b, c] = vertices;
+        let texels = interpolate2(w, self.texel_scale(a), self.texel_scale(b), self.texel_scale(c));
+        let to_eye = p - self.eye;
+        let distance = sqrt(dot(to_eye, to_eye));
+        Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span: texels.y } }
+    }
+
+    /// By how much filtered heights of `map` can differ from those of the map itself over points that are no farther from the
+    /// eye than `distance`; 0 where no level is read there. `texel` is the least size of texels there.
+    #[inline]
+    pub(super) fn filter_error(&self, map: &Displacement, distance: f32, texel: f32) -> f32 {
+        // Distances are computed in other ways than a micro-vertex's own, off by some 20 u.
+        let side = self.pixel_side(distance * (1.0 + 1e-5)) * (1.0 + 1e-5);
+        // Negated so that NaN counts.
+        if !(side <= finest(map, texel)) { MOST_ERROR * side } else { 0.0 }
     }
 
     /// Whether displacement is by vectors.
@@ -102,19 +208,41 @@ impl<'a> HeightField<'a> {
         Pyramid { texels: self.texels, ranges: self.ranges, map, format, wrap }
     }
 
-    /// Height in model units that a map gives at texture coordinates `uv`, which must be finite.
+    /// Height in model units that a map gives at texture coordinates `uv`, which must be finite, to the `pixel` there.
     #[inline]
-    pub fn height(&self, map: &Displacement, uv: Vec2) -> f32 {
-        let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
-        let texel = sample_height(self.texels, format, wrap, map, uv);
+    pub fn height(&self, map: &Displacement, uv: Vec2, pixel: Pixel) -> f32 {
+        let (texels, finest) = self.map_texels(map);
+        let texel = texels.sample(finest, uv, self.detail(map, pixel));
         map.scale * (texel - map.zero)
     }
 
-    /// Growth of [`height`](Self::height) for a unit of each texture coordinate.
+    /// Between which levels of `map` a pixel is read.
     #[inline]
-    pub fn height_gradient(&self, map: &Displacement, uv: Vec2) -> Vec2 {
-        let (format, wrap) = (map.known_format(self.format), map.known_wrap(self.wrap));
-        height_gradient(self.texels, format, wrap, map, uv) * map.scale
+    fn detail(&self, map: &Displacement, pixel: Pixel) -> LevelOfDetail {
+        if self.filter == filter::BILINEAR {
+            LevelOfDetail::FINEST
+        } else {
+            LevelOfDetail::new(pixel.texels_across(map))
+        }
+    }
+
+    /// The texels of a map of its, and their finest level.
+    #[inline]
+    fn map_texels(&self, map: &Displacement) -> (HeightTexels<'a>, Level) {
+        let texels = HeightTexels {
+            texels: self.texels,
+            format: map.known_format(self.format),
+            wrap: map.known_wrap(self.wrap),
+            first_word: map.first_word,
+        };
+        (texels, Level::finest(map.map_width, map.map_height))
+    }
+
+    /// Growth of [`height`](Self::height) for a unit of each texture coordinate and a constant pixel.
+    #[inline]
+    pub fn height_gradient(&self, map: &Displacement, uv: Vec2, pixel: Pixel) -> Vec2 {
+        let (texels, finest) = self.map_texels(map);
+        texels.gradient(finest, uv, self.detail(map, pixel)) * map.scale
     }
 
     /// By what a direction interpolated between unit vectors is multiplied to displace by `height`: the height itself for
@@ -133,13 +261,13 @@ impl<'a> HeightField<'a> {
 
 impl Displacement {
     /// Bounds on every height that filtered texels in [`lowest`, `highest`] can give: rounded outward by the errors of the
-    /// bilinear filter (3 ulp, see [`sample_height`]), of the two operations after it, and of a filter that the range
-    /// may come from.
+    /// filter (4 ulp, see [`HeightTexels::sample`]), of the two operations after it, and of a filter that the range
+    /// may come from (3 ulp).
     #[inline]
     pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
         let (a, b) = (scale * (lowest - zero), scale * (highest - zero));
         let magnitude = lowest.abs().max(highest.abs()) + zero.abs();
-        let error = 16.0 * UNIT_ROUNDOFF * magnitude * scale.abs();
+        let error = 20.0 * UNIT_ROUNDOFF * magnitude * scale.abs();
         (a.min(b) - error, a.max(b) + error)
     }
 }
@@ -234,6 +362,12 @@ impl BaseTriangle {
         interpolate2(w, self.t0, self.t1, self.t2)
     }
 
+    /// The pixel at barycentric coordinates `w`.
+    #[inline]
+    pub fn pixel(&self, field: &HeightField<'_>, w: Vec3) -> Pixel {
+        field.pixel_at(interpolate(w, self.p0, self.p1, self.p2), w, self.vertices)
+    }
+
     /// Whether positions, normals and texture coordinates are numbers, none of them infinite.
     #[inline]
     pub fn is_finite(&self) -> bool {
@@ -286,43 +420,53 @@ impl BaseTriangle {
     fn lifted(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, on_seam: bool) -> Vec3 {
         let mut site = Site { direction: interpolate(w, self.n0, self.n1, self.n2), height: 0.0, own: true };
         if on_seam {
-            site = self.site_on_border(field, w, site);
+            site = self.site_on_border(field, w, p, site);
         }
-        let h = if site.own { field.height(&self.map, self.uv(w)) } else { site.height };
+        let h = if site.own {
+            field.height(&self.map, self.uv(w), field.pixel_at(p, w, self.vertices))
+        } else {
+            site.height
+        };
         fma3(field.lift(h, site.direction), site.direction, p)
     }
 
-    /// What decides the micro-vertex at `w`, a point of the triangle's border; `inner` where that is the triangle itself.
-    fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, inner: Site) -> Site {
+    /// What decides the micro-vertex at `w`, a point of the triangle's border over `p`; `inner` where that is the triangle
+    /// itself.
+    fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, inner: Site) -> Site {
         let seams = self.seams(field);
         let corner = corner_at(w);
-        if corner < 3 {
-            if seams.flags >> corner & 1 == 0 {
-                return inner;
-            }
-            let height = component(seams.heights, corner);
-            return Site { direction: seams.direction(corner), height, own: false };
-        }
+        let at_corner = corner < 3;
         let edge = edge_at(w);
-        if seams.flags >> (3 + edge) & 1 == 0 {
+        let decided = seams.flags >> (if at_corner { corner } else { 3 + edge }) & 1 != 0;
+        if !decided {
             return inner;
         }
-        let along = along_edge(w, edge);
-        let (first, count) = (component(seams.first_side, edge), component(seams.side_count, edge));
+        let direction = if at_corner {
+            seams.direction(corner)
+        } else {
+            interpolate(w, seams.direction(0), seams.direction(1), seams.direction(2))
+        };
+        if at_corner && !field.is_filtered() {
+            return Site { direction, height: component(seams.heights, corner), own: false };
+        }
+        // A reading at a corner is a side of no length.
+        let (first, count, along) = if at_corner {
+            (component(seams.first_reading, corner), component(seams.reading_count, corner), Vec3::X)
+        } else {
+            (component(seams.first_side, edge), component(seams.side_count, edge), along_edge(w, edge))
+        };
         let mut sum = 0.0;
         let mut i = 0;
         while i < count {
             let side = field.seam_side(first + i);
             let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
             let uv = interpolate2(along, start, end, Vec2::ZERO);
-            sum += field.height(&field.displacement(side.displacement), uv);
+            let [a, b] = side.vertices;
+            let pixel = field.pixel_at(p, along, [a, b, b]);
+            sum += field.height(&field.displacement(side.displacement), uv, pixel);
             i += 1;
         }
-        Site {
-            direction: interpolate(w, seams.direction(0), seams.direction(1), seams.direction(2)),
-            height: sum / count as f32,
-            own: false,
-        }
+        Site { direction, height: sum / count as f32, own: false }
     }
 
     /// The three micro-vertices of a cell, in its order.
@@ -432,8 +576,10 @@ impl BaseTriangle {
             while e < 3 {
                 let (a, b) = (self.position((e + 1) % 3), self.position((e + 2) % 3));
                 if seams.flags >> e & 1 != 0 {
-                    let height = component(seams.heights, e);
-                    bounds = bounds.including(self.position(e) + seams.direction(e) * height);
+                    let (low, high) = seams.corner_range(field, e);
+                    bounds = bounds
+                        .including(self.position(e) + seams.direction(e) * low)
+                        .including(self.position(e) + seams.direction(e) * high);
                 }
                 if seams.flags >> (3 + e) & 1 != 0 {
                     let (low, high) = seams.lift_range(field, e);
@@ -463,9 +609,13 @@ impl BaseTriangle {
         // Two more fused operations than heights take; the mean of a seam's sides is in its bound.
         let error = 32.0 * UNIT_ROUNDOFF * (magnitude + reach);
         let grown = flat.padded(reach + error);
+        // Levels change heights by what depends on the view, which boxes do not.
+        if field.is_filtered() {
+            return grown;
+        }
         let frame = RayFrame::along_axes(self.p0);
         let node = Node::root(field.subdivisions);
-        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field));
+        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field), 0.0);
         // As in the quadtree, but for the frame's axes, which are exact, and its origin, which is added again.
         let size = max_abs(self.p1 - self.p0).max(max_abs(self.p2 - self.p0)) + reach;
         let of_bound =
@@ -483,7 +633,8 @@ impl BaseTriangle {
             let mut e = 0;
             while e < 3 {
                 let seam = component(seams.height_min, e).abs().max(component(seams.height_max, e).abs());
-                reach = reach.max(seam).max(component(seams.heights, e).abs());
+                let corner = seams.corner_range(field, e);
+                reach = reach.max(seam).max(corner.0.abs()).max(corner.1.abs());
                 e += 1;
             }
         }
@@ -553,6 +704,13 @@ impl Seams {
         } else {
             self.directions[2]
         })
+    }
+
+    /// Bounds on the height at corner `e`, which must be decided: of filtered maps those of all heights.
+    #[inline]
+    pub fn corner_range(&self, field: &HeightField<'_>, e: u32) -> (f32, f32) {
+        let height = component(self.heights, e);
+        if field.filter == filter::BILINEAR || field.is_vector() { (height, height) } else { field.heights }
     }
 
     /// Square of a lower bound on the length of directions interpolated along edge `e`: two unit vectors of cosine c
@@ -686,6 +844,48 @@ mod tests {
         }
     }
 
+    /// The same where maps are filtered by their levels. From no eye a level changes a height, or a vector's component, by more than half a
+    /// pixel,
+    /// and from some it does change it.
+    #[test]
+    fn every_filtered_micro_vertex_lies_in_the_bounds_and_near_the_map() {
+        let mut numbers = Numbers::new(27);
+        let (mut same, mut changed) = (0, 0);
+        for round in 0..10_000 {
+            let spread = [0.0, 0.1, 0.5][round % 3];
+            let n = 1 + (numbers.unit() * 16.0) as u32;
+            let prism = Prism::random(&mut numbers, n, spread, 0.3);
+            let vectors = round % 4 == 0;
+            let prism = if vectors {
+                prism.with_vectors(&mut numbers, displacement_kind::TANGENT, spread)
+            } else {
+                prism
+            };
+            let prism = prism.filtered(&mut numbers);
+            let view = prism.view();
+            let field = HeightField::new(&view, prism.features());
+            let unfiltered = HeightField { filter: filter::BILINEAR, ..field };
+            let base = prism.base();
+            let bounds = base.bounds(&field);
+            for j in 0..=n {
+                for k in 0..=n - j {
+                    let q = base.micro_vertex(&field, j, k);
+                    let inside = q.cmpge(bounds.min).all() && q.cmple(bounds.max).all();
+                    assert!(inside, "{q} {bounds:?} {base:?}");
+                    let moved = q.distance(base.micro_vertex(&unfiltered, j, k));
+                    let to_eye = q.distance(view.frame.camera.eye);
+                    // Micro-vertices are off by some 30 u of coordinates and heights up to 2.
+                    let pixel = view.frame.pixel_side() * to_eye;
+                    // Of each of three components.
+                    let most = if vectors { 0.87 } else { 0.5 };
+                    assert!(moved <= most * pixel + 4e-6, "{moved} {pixel} {base:?}");
+                    if moved > 0.01 * pixel { changed += 1 } else { same += 1 }
+                }
+            }
+        }
+        assert!(same > 100_000 && changed > 100_000, "{same} {changed}");
+    }
+
     /// A vector along the normal alone displaces as its height does, to the bit.
     #[test]
     fn vectors_along_normals_are_heights() {
@@ -764,7 +964,7 @@ mod tests {
             let d = &scene.displacements[0];
             let (min, max) = Displacement::height_range(low, high, d.zero, d.scale);
             for _ in 0..20 {
-                let h = field.height(d, Vec2::new(numbers.wide(), numbers.unit()));
+                let h = field.height(d, Vec2::new(numbers.wide(), numbers.unit()), Pixel::NONE);
                 assert!(h >= min && h <= max, "{h} {min} {max}");
             }
         }

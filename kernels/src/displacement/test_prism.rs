@@ -2,12 +2,15 @@
 
 use crate::displacement::height_pyramid::{build_word, height_bounds, level_words, pyramid_words, top_level};
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::interface::{Displacement, Tangent, displacement_kind, method};
+use crate::interface::{
+    Displacement, Tangent, TexelScale, displacement_kind, filter, height_format, method, wrap,
+};
 use crate::math::tests::Numbers;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::test_scene::{FLAT, TestScene};
-use glam::Vec3;
+use crate::texture::{HeightTexels, Level, LevelOfDetail};
+use glam::{Vec2, Vec3};
 
 /// What [`Prism::view`] is read with, unless vectors displace it.
 pub(crate) const FEATURES: Features = Features { method: method::GRID_WALK, ..FLAT };
@@ -17,6 +20,8 @@ pub(crate) struct Prism {
     pub(crate) scene: TestScene,
     /// What displaces it: see [`displacement_kind`].
     kind: u32,
+    /// How its maps are read: see [`filter`].
+    filter: u32,
 }
 
 impl Prism {
@@ -38,7 +43,7 @@ impl Prism {
         (map.height_min, map.height_max) = Displacement::height_range(0.0, 1.0, map.zero, map.scale);
         scene.frame.subdivisions = n;
         scene.triangles.truncate(1);
-        Prism { scene, kind: displacement_kind::HEIGHT }.prepared()
+        Prism { scene, kind: displacement_kind::HEIGHT, filter: filter::BILINEAR }.prepared()
     }
 
     /// The same displaced by vectors: two more maps of its map's size, and tangents that lean as normals do, by `spread`.
@@ -60,6 +65,42 @@ impl Prism {
         Prism { kind, ..self }.prepared()
     }
 
+    /// The same with the levels of its maps, seen from so far away that some of them are read.
+    pub(crate) fn filtered(mut self, numbers: &mut Numbers) -> Self {
+        let features = self.features();
+        let scene = &mut self.scene;
+        let texels = std::mem::take(&mut scene.height_texels);
+        for map in &mut scene.displacements {
+            let first = map.first_word as usize;
+            map.first_word = scene.height_texels.len() as u32;
+            scene.height_texels.extend(&texels[first..first + 256]);
+            map.roughness = append_levels(&mut scene.height_texels, map.first_word);
+        }
+        let edge = (scene.vertices[1].position - scene.vertices[0].position).length();
+        let wide = |numbers: &mut Numbers| (numbers.unit() * 8.0 - 6.0).exp2();
+        let scale = |numbers: &mut Numbers| TexelScale {
+            size: edge * wide(numbers) * 0.1,
+            span: [1.0, 2.0, 4.0, 8.0][(numbers.unit() * 4.0) as usize],
+        };
+        scene.texel_scales = (0..scene.vertices.len()).map(|_| scale(numbers)).collect();
+        scene.frame.camera.eye = scene.vertices[0].position + numbers.vec3() * (edge * 4.0 * wide(numbers));
+        scene.frame.camera.up = Vec3::Y * wide(numbers);
+        // Also triangles that are no larger than some texels.
+        let shrunk = wide(numbers).min(1.0);
+        for vertex in &mut scene.vertices {
+            (vertex.u, vertex.v) = (vertex.u * shrunk, vertex.v * shrunk);
+        }
+        let maps = &scene.displacements;
+        let greatest = |map: &Displacement| map.height_min.abs().max(map.height_max.abs());
+        (scene.frame.height_min, scene.frame.height_max) =
+            if features.displacement == displacement_kind::HEIGHT {
+                (maps[0].height_min, maps[0].height_max)
+            } else {
+                (0.0, Vec3::new(greatest(&maps[0]), greatest(&maps[1]), greatest(&maps[2])).length())
+            };
+        Prism { filter: filter::TRILINEAR, ..self }.prepared()
+    }
+
     /// With its pyramids and the bounds on its heights.
     fn prepared(mut self) -> Self {
         let features = self.features();
@@ -74,7 +115,7 @@ impl Prism {
 
     /// What its view is read with.
     pub(crate) fn features(&self) -> Features {
-        Features { displacement: self.kind, ..FEATURES }
+        Features { displacement: self.kind, filter: self.filter, ..FEATURES }
     }
 
     pub(crate) fn base(&self) -> BaseTriangle {
@@ -95,6 +136,36 @@ impl Prism {
         let n = base.n0 * w.x + base.n1 * w.y + base.n2 * w.z;
         base.p0 * w.x + base.p1 * w.y + base.p2 * w.z + n * h
     }
+}
+
+/// Appends the levels of the 16x16 map at the end of `texels`; returns its roughness where it repeats.
+fn append_levels(texels: &mut Vec<u32>, first_word: u32) -> f32 {
+    let mut side = 16;
+    let mut finer = first_word as usize;
+    while side > 1 {
+        let next = texels.len();
+        side /= 2;
+        for i in 0..side * side {
+            let (x, y) = (2 * (i % side), 2 * (i / side));
+            let texel = |x: usize, y: usize| f32::from_bits(texels[finer + y * 2 * side + x]);
+            let mean = (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) * 0.25;
+            texels.push(mean.to_bits());
+        }
+        finer = next;
+    }
+    // Texel centres lie on quarters of texels at the most, between which all levels are bilinear.
+    let map = HeightTexels { texels, format: height_format::FLOAT32, wrap: wrap::REPEAT, first_word };
+    let finest = Level::finest(16, 16);
+    let mut roughness = 0.0_f32;
+    for i in 0..32 * 32 {
+        let uv = Vec2::new((i % 32) as f32, (i / 32) as f32) / 32.0;
+        for width in [2.0, 4.0, 8.0, 16.0] {
+            let difference = map.sample(finest, uv, LevelOfDetail::new(width))
+                - map.sample(finest, uv, LevelOfDetail::FINEST);
+            roughness = roughness.max(difference.abs() / width);
+        }
+    }
+    roughness
 }
 
 impl TestScene {

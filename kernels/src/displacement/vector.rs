@@ -11,7 +11,9 @@
 
 use crate::barycentric::{interpolate, interpolate2};
 use crate::displacement::shading_normal::or_geometric;
-use crate::displacement::surface::{BaseTriangle, HeightField, along_edge, component, corner_at, edge_at};
+use crate::displacement::surface::{
+    BaseTriangle, HeightField, Pixel, along_edge, component, corner_at, edge_at,
+};
 use crate::interface::{SeamSide, Seams, displacement_kind, normals};
 use crate::math::{cross, dot, fma3, unit};
 use glam::{Vec2, Vec3};
@@ -22,7 +24,7 @@ pub(super) struct Source {
     /// Index of the first of its map's three.
     pub(super) displacement: u32,
     /// Its vertices. Of an edge the last one counts for nothing.
-    vertices: [u32; 3],
+    pub(super) vertices: [u32; 3],
 }
 
 /// What is known of a vertex.
@@ -141,22 +143,22 @@ pub(super) fn micro_vertex(
         } else {
             (Source::of_side(&field.seam_side(sides.first + i)), along)
         };
-        point = displaced(field, source, w, point);
+        point = displaced(field, source, w, field.pixel_at(p, w, source.vertices), point);
         i += 1;
     }
     if alone { point } else { fma3(1.0 / count as f32, point, p) }
 }
 
-/// `start` displaced by the vector that `source` gives at barycentric coordinates `w`.
+/// `start` displaced by the vector that `source` gives at barycentric coordinates `w`, to the `pixel` there.
 #[inline]
-fn displaced(field: &HeightField<'_>, source: Source, w: Vec3, start: Vec3) -> Vec3 {
+fn displaced(field: &HeightField<'_>, source: Source, w: Vec3, pixel: Pixel, start: Vec3) -> Vec3 {
     let [a, b, c] = source.corners(field);
     let uv = interpolate2(w, a.uv, b.uv, c.uv);
     let mut point = start;
     // A loop, so that the code of a filter stands in a kernel once.
     let mut i = 0;
     while i < 3 {
-        let height = field.height(&field.displacement(source.displacement + i), uv);
+        let height = field.height(&field.displacement(source.displacement + i), uv, pixel);
         if field.kind == displacement_kind::OBJECT {
             point = fma3(height, a.axis(i), point);
         } else {
@@ -176,11 +178,12 @@ pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng:
     let source = Source::of_triangle(base);
     let [a, b, c] = source.corners(field);
     let uv = interpolate2(w, a.uv, b.uv, c.uv);
+    let pixel = base.pixel(field, w);
     let (mut s1, mut s2) = (base.p1 - base.p0, base.p2 - base.p0);
     let mut i = 0;
     while i < 3 {
         let map = field.displacement(source.displacement + i);
-        let (height, gradient) = (field.height(&map, uv), field.height_gradient(&map, uv));
+        let (height, gradient) = (field.height(&map, uv, pixel), field.height_gradient(&map, uv, pixel));
         let (h1, h2) = (gradient.dot(b.uv - a.uv), gradient.dot(c.uv - a.uv));
         let axis = interpolate(w, a.axis(i), b.axis(i), c.axis(i));
         let (mut a1, mut a2) = (b.axis(i) - a.axis(i), c.axis(i) - a.axis(i));
@@ -199,13 +202,13 @@ pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng:
     or_geometric(if base.flipped { -normal } else { normal }, ng)
 }
 
-/// The components of the vector that the map at `displacement` has at texture coordinates `uv`.
+/// The components of the vector that the map at `displacement` has at texture coordinates `uv`, to the `pixel` there.
 #[inline]
-pub fn components(field: &HeightField<'_>, displacement: u32, uv: Vec2) -> Vec3 {
+pub fn components(field: &HeightField<'_>, displacement: u32, uv: Vec2, pixel: Pixel) -> Vec3 {
     let mut components = Vec3::ZERO;
     let mut i = 0;
     while i < 3 {
-        let height = field.height(&field.displacement(displacement + i), uv);
+        let height = field.height(&field.displacement(displacement + i), uv, pixel);
         components += height * component([Vec3::X, Vec3::Y, Vec3::Z], i);
         i += 1;
     }
@@ -270,7 +273,8 @@ mod tests {
             let (field, base) = (HeightField::new(&view, features), BaseTriangle::load(&view, 0));
             let w = Vec3::new(0.4, 0.3, 0.3);
             let point = |w: Vec3| {
-                displaced(&field, Source::of_triangle(&base), w, interpolate(w, base.p0, base.p1, base.p2))
+                let p = interpolate(w, base.p0, base.p1, base.p2);
+                displaced(&field, Source::of_triangle(&base), w, Pixel::NONE, p)
             };
             let slope = |along: Vec3| (point(w + along * STEP) - point(w - along * STEP)) / (2.0 * STEP);
             let (s1, s2) = (slope(Vec3::new(-1.0, 1.0, 0.0)), slope(Vec3::new(-1.0, 0.0, 1.0)));

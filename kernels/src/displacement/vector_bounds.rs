@@ -11,7 +11,7 @@
 
 use crate::barycentric::{interpolate, interpolate2};
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
-use crate::displacement::quadtree::{Bounds, Lifts, Node, RayFrame};
+use crate::displacement::quadtree::{Bounds, Lifts, Node, RayFrame, farthest, filtered_range};
 use crate::displacement::surface::{BaseTriangle, HeightField, along_edge};
 use crate::displacement::vector::{Sides, Source};
 use crate::interface::{Displacement, displacement_kind, normals};
@@ -30,13 +30,15 @@ pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
 pub(super) const ROUNDINGS_OF_COORDINATE: f32 = 32.0;
 
 /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
-/// of which some is decided with neighbours.
+/// of which some is decided with neighbours. `margin`: what distances to the eye are off by, where maps are filtered by
+/// their levels.
 pub(super) fn of_node(
     field: &HeightField<'_>,
     base: &BaseTriangle,
     frame: &RayFrame,
     node: &Node,
     has_seams: bool,
+    margin: f32,
 ) -> Bounds {
     let n = field.subdivisions;
     let touched = node.edges_touched(n);
@@ -55,7 +57,7 @@ pub(super) fn of_node(
             Piece::at_edge(field, base, touched, node, part - 4)
         };
         if piece.is_there {
-            let own = piece.bounds(field, base, frame);
+            let own = piece.bounds(field, base, frame, margin);
             bounds = bounds.including(own.min).including(own.max);
         }
         part += 1;
@@ -103,7 +105,7 @@ impl Piece {
 
     /// The box of its micro-vertices.
     #[inline]
-    fn bounds(&self, field: &HeightField<'_>, base: &BaseTriangle, frame: &RayFrame) -> Bounds {
+    fn bounds(&self, field: &HeightField<'_>, base: &BaseTriangle, frame: &RayFrame, margin: f32) -> Bounds {
         let n = field.subdivisions;
         let (w0, w1, w2) =
             (weights(self.corners[0], n), weights(self.corners[1], n), weights(self.corners[2], n));
@@ -112,6 +114,11 @@ impl Piece {
             Bounds { min: p, max: p }
         };
         let (mut box0, mut box1, mut box2) = (position(w0), position(w1), position(w2));
+        let distance = if field.is_filtered() {
+            farthest(frame.point(field.eye), box0.min, box1.min, box2.min) + margin
+        } else {
+            0.0
+        };
         let alone = self.sides.count == 0;
         let count = if alone { 1 } else { self.sides.count };
         let share = 1.0 / count as f32;
@@ -137,6 +144,12 @@ impl Piece {
                 let texels = field.pyramid(map).range_between(low, high);
                 let (least, greatest) =
                     Displacement::height_range(texels.min, texels.max, map.zero, map.scale);
+                let (least, greatest) = if field.is_filtered() {
+                    let texel = field.least_texel(source.vertices);
+                    filtered_range(field, &map, distance, texel, least, greatest)
+                } else {
+                    (least, greatest)
+                };
                 let (a, b, c) = (a.axis(axis), b.axis(axis), c.axis(axis));
                 let (a0, a1, a2) = (
                     frame.vector(interpolate(w0, a, b, c)),

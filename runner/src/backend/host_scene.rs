@@ -60,6 +60,7 @@ impl HostScene {
             frame: &self.frame,
             vertices: &self.buffers.vertices,
             tangents: &self.buffers.tangents,
+            texel_scales: &self.buffers.texel_scales,
             triangles: &self.buffers.triangles,
             nodes: &self.bvh.nodes,
             primitives: &self.bvh.primitives,
@@ -182,6 +183,7 @@ fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
     Ok(SceneBuffers {
         vertices: copied("vertices", &scene.vertices)?,
         tangents: copied("tangents", &scene.tangents)?,
+        texel_scales: copied("the sizes of texels", &scene.texel_scales)?,
         triangles: copied("triangles", &scene.triangles)?,
         displacements: copied("the height maps", &scene.displacements)?,
         height_texels: copied("the height maps", &scene.height_texels)?,

@@ -12,7 +12,7 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
     Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS, PointLight, Ray,
-    SeamSide, Seams, Tangent, Triangle, Vertex, color_filter, color_format, counter, displacement_kind,
+    SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter, displacement_kind, filter,
     height_format, method, wrap,
 };
 use emboss_kernels::scene::Features;
@@ -28,6 +28,8 @@ pub struct SceneBuffers {
     pub vertices: Vec<Vertex>,
     /// Their tangents, where vector displacement is along these.
     pub tangents: Vec<Tangent>,
+    /// How large texels are at them, where maps are filtered by their levels.
+    pub texel_scales: Vec<TexelScale>,
     /// Base triangles; their heights are not read.
     pub triangles: Vec<Triangle>,
     /// How the height maps displace, their pyramids one behind the other. Those of one image with one wrap may share a
@@ -61,13 +63,18 @@ impl SceneBuffers {
             return Err(BackendError::TooManyTriangles { count: self.triangles.len() });
         }
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
-        let map_words = |width: u32, height: u32, words_for: fn(u64) -> u64| {
-            words_for(u64::from(width) * u64::from(height))
+        let filtered = features.filter != filter::BILINEAR;
+        let texels = |width: u32, height: u32, levels: bool| {
+            if levels { mip_levels::texels(width, height) } else { u64::from(width) * u64::from(height) }
         };
-        let texel_words = |map: &Displacement| match map.format {
-            height_format::UNORM8 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(4)),
-            height_format::UNORM16 => map_words(map.map_width, map.map_height, |texels| texels.div_ceil(2)),
-            _ => map_words(map.map_width, map.map_height, |texels| texels),
+        let texel_words = |map: &Displacement| {
+            // Where nothing is displaced levels are not read.
+            let texels = texels(map.map_width, map.map_height, filtered && map.scale != 0.0);
+            match map.format {
+                height_format::UNORM8 => texels.div_ceil(4),
+                height_format::UNORM16 => texels.div_ceil(2),
+                _ => texels,
+            }
         };
         let height_is_known = |map: &Displacement| {
             map.format < height_format::PER_MAP
@@ -122,14 +129,11 @@ impl SceneBuffers {
         let names_a_map = |triangle: &Triangle| is_a_map(triangle.displacement);
         let has_tangents =
             features.displacement != displacement_kind::TANGENT || self.tangents.len() >= self.vertices.len();
+        let has_texel_scales = !filtered || self.texel_scales.len() >= self.vertices.len();
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
         let names_a_material = |triangle: &Triangle| (triangle.material() as usize) < self.materials.len();
         let color_words = |map: &Material| {
-            let texels = if features.color_filter == color_filter::BILINEAR {
-                u64::from(map.color_width) * u64::from(map.color_height)
-            } else {
-                mip_levels::texels(map.color_width, map.color_height)
-            };
+            let texels = texels(map.color_width, map.color_height, filtered);
             match map.color_format {
                 color_format::SRGB8 => texels.saturating_add(256),
                 _ => texels.saturating_mul(3),
@@ -181,6 +185,8 @@ impl SceneBuffers {
             "the grid walk takes no vectors"
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
+        } else if traced && !has_texel_scales {
+            "there are fewer sizes of texels than vertices"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
         } else if traced && !self.triangles.iter().all(names_a_material) {
@@ -436,6 +442,7 @@ mod tests {
         let scene = SceneBuffers {
             vertices: vec![Vertex::default(); 3],
             tangents: vec![],
+            texel_scales: vec![],
             triangles: vec![Triangle { vertices: [0, 1, 2], ..Triangle::default() }],
             seams: vec![Seams { side_count: [1, 0, 0], reading_count: [0, 1, 0], ..Seams::default() }],
             seam_sides: vec![SeamSide::default()],
@@ -564,7 +571,7 @@ mod tests {
     #[test]
     fn levels_of_the_colour_map_are_checked_where_they_are_read() {
         let (mut scene, frame, features) = sound();
-        let filtered = Features { color_filter: color_filter::TRILINEAR, ..features };
+        let filtered = Features { filter: filter::TRILINEAR, ..features };
         let error = scene.check(&frame, filtered).expect_err("a texel too few").to_string();
         assert!(error.contains("colour map"), "{error}");
         scene.color_texels.push(0);

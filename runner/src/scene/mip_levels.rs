@@ -1,4 +1,5 @@
-//! The levels of a colour map: itself, and ever smaller ones down to a single texel, for pixels that cover many texels.
+//! The levels of a map: itself, and ever smaller ones down to a single texel, for pixels that cover many texels. Here
+//! those of colour maps.
 
 use super::ColorMap;
 use super::image::SRGB_CODES;
@@ -15,7 +16,7 @@ pub fn texels(width: u32, height: u32) -> u64 {
 }
 
 /// The sizes of the levels of a map, its own first.
-fn sizes(width: u32, height: u32) -> impl Iterator<Item = (u32, u32)> {
+pub(crate) fn sizes(width: u32, height: u32) -> impl Iterator<Item = (u32, u32)> {
     let smaller = |&(w, h): &(u32, u32)| (w > 1 || h > 1).then(|| ((w / 2).max(1), (h / 2).max(1)));
     std::iter::successors(Some((width, height)), smaller)
 }
@@ -105,7 +106,7 @@ fn halved(colors: &[Vec3], width: u32, height: u32, to_width: u32, to_height: u3
 }
 
 /// Of `from` texels in a row, which ones each of `to` covers, and with what share of it.
-fn covered(from: u32, to: u32) -> Vec<Vec<(usize, f32)>> {
+pub(crate) fn covered(from: u32, to: u32) -> Vec<Vec<(usize, f32)>> {
     let side = f64::from(from) / f64::from(to);
     let covered = |i: u32| {
         let (start, end) = (f64::from(i) * side, f64::from(i + 1) * side);

@@ -40,7 +40,7 @@ struct Corners {
 impl<'a> LimitSurface<'a> {
     /// The surface of a scene.
     pub fn new(buffers: &'a SceneBuffers, features: Features) -> Self {
-        let relief = |map| Relief::new(buffers, map);
+        let relief = |map| Relief::new(buffers, map, false);
         let reliefs = buffers.displacements.iter().map(relief).collect();
         LimitSurface { buffers, reliefs, linear: features.normals == normals::LINEAR }
     }

@@ -5,43 +5,53 @@ use emboss::backend::SceneBuffers;
 use emboss_kernels::interface::{Displacement, height_format, wrap};
 use glam::DVec2;
 
-/// A height map with its texels unpacked.
+/// A height map with its texels unpacked, and those of its levels where there are any.
 pub(super) struct Relief {
+    /// The map itself, then what stands behind it.
+    levels: Vec<Level>,
+    scale: f64,
+    zero: f64,
+    /// Greatest magnitude of a texel.
+    magnitude: f64,
+    /// Greatest difference of two texels.
+    spread: f64,
+    /// What the host found that levels differ by.
+    roughness: f64,
+}
+
+/// A level of a map.
+struct Level {
     width: i64,
     height: i64,
     texels: Vec<f64>,
     wrap: u32,
-    scale: f64,
-    zero: f64,
     /// Greatest difference between neighbours in a row, and in a column.
     steepest: DVec2,
-    /// Greatest magnitude of a texel.
-    magnitude: f64,
 }
 
-impl Relief {
-    /// One of a scene's height maps.
-    pub(super) fn new(buffers: &SceneBuffers, displacement: &Displacement) -> Self {
-        let count = displacement.map_width as usize * displacement.map_height as usize;
-        let words = &buffers.height_texels[displacement.first_word as usize..];
-        let texels: Vec<f64> = (0..count).map(|i| texel(words, displacement.format, i)).collect();
-        let magnitude = texels.iter().fold(0.0, |most, texel| texel.abs().max(most));
-        let mut relief = Relief {
-            width: i64::from(displacement.map_width),
-            height: i64::from(displacement.map_height),
-            texels,
-            wrap: displacement.wrap,
-            scale: f64::from(displacement.scale),
-            zero: f64::from(displacement.zero),
-            steepest: DVec2::ZERO,
-            magnitude,
-        };
-        relief.steepest = relief.measured_steepest();
-        relief
+/// How many texels a side a pixel covers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cover {
+    pub(super) texels: f64,
+    /// How far an f32 evaluation of it may be off.
+    pub(super) error: f64,
+}
+
+impl Cover {
+    /// That of a map that is not filtered.
+    pub(super) const ONE: Cover = Cover { texels: 1.0, error: 0.0 };
+}
+
+impl Level {
+    fn new(width: u32, height: u32, wrap: u32, texels: Vec<f64>) -> Level {
+        let (width, height) = (i64::from(width), i64::from(height));
+        let mut level = Level { width, height, texels, wrap, steepest: DVec2::ZERO };
+        level.steepest = level.measured_steepest();
+        level
     }
 
-    /// Height in model units: texel centres at half-integers, v upwards, the first row at the top.
-    pub(super) fn height(&self, uv: DVec2) -> f64 {
+    /// The bilinearly filtered texel: centres at half-integers, v upwards, the first row at the top.
+    fn filtered(&self, uv: DVec2) -> f64 {
         let x = uv.x * self.width as f64 - 0.5;
         let y = (1.0 - uv.y) * self.height as f64 - 0.5;
         let (left, top) = (x.floor(), y.floor());
@@ -50,41 +60,17 @@ impl Relief {
         let (i, j) = (left as i64, top as i64);
         let upper = (1.0 - s) * self.at(i, j) + s * self.at(i + 1, j);
         let lower = (1.0 - s) * self.at(i, j + 1) + s * self.at(i + 1, j + 1);
-        self.scale * ((1.0 - t) * upper + t * lower - self.zero)
+        (1.0 - t) * upper + t * lower
     }
 
-    /// Bound on the error of a height computed in f32 from texture coordinates that are interpolated on the grid, the
-    /// magnitudes of their terms adding up to `uv`.
-    ///
-    /// Reducing the coordinates to [0,1] adds 2 u, scaling to texels the product and 1 u of the map's size, and a shift of
-    /// x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add two
-    /// roundings.
-    pub(super) fn height_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
+    /// By how much of u the filtered texel is off since its place is, in u of texture coordinates up to `uv` in magnitude.
+    fn shift_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
         let shift = self.size() * (rounding.interpolation() * uv + DVec2::splat(3.0 + rounding.product));
-        let filter = rounding.bilinear() * self.magnitude;
-        let offset = 2.0 * (self.magnitude + self.zero.abs());
-        UNIT_ROUNDOFF * self.scale.abs() * (shift.dot(self.steepest) + filter + offset)
+        shift.dot(self.steepest)
     }
 
-    /// Sides in texels.
-    pub(super) fn size(&self) -> DVec2 {
+    fn size(&self) -> DVec2 {
         DVec2::new(self.width as f64, self.height as f64)
-    }
-
-    /// Height of a texel step from 0 to 1.
-    pub(super) fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    /// Greatest difference between neighbours in a row, and in a column.
-    pub(super) fn steepest(&self) -> DVec2 {
-        self.steepest
-    }
-
-    /// Distances, in texels, from the nearest line through the centres of a column, and of a row.
-    pub(super) fn distance_to_lines(&self, uv: DVec2) -> DVec2 {
-        let texel = uv * self.size() - DVec2::splat(0.5);
-        (texel - texel.round()).abs()
     }
 
     /// The texel in column `i` from the left and row `j` from the top of the map that goes on without end.
@@ -103,6 +89,114 @@ impl Relief {
             }
         }
         steepest
+    }
+}
+
+impl Relief {
+    /// One of a scene's height maps; with its levels, those that `filtered` maps have behind them.
+    pub(super) fn new(buffers: &SceneBuffers, displacement: &Displacement, filtered: bool) -> Self {
+        let words = &buffers.height_texels[displacement.first_word as usize..];
+        let (mut width, mut height, mut first) = (displacement.map_width, displacement.map_height, 0);
+        let mut levels = Vec::new();
+        loop {
+            let count = width as usize * height as usize;
+            let texels = (first..first + count).map(|i| texel(words, displacement.format, i)).collect();
+            levels.push(Level::new(width, height, displacement.wrap, texels));
+            if !filtered || count == 1 {
+                break;
+            }
+            (width, height, first) = ((width / 2).max(1), (height / 2).max(1), first + count);
+        }
+        let texels = &levels[0].texels;
+        let (low, high) =
+            texels.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &t| (a.min(t), b.max(t)));
+        Relief {
+            scale: f64::from(displacement.scale),
+            zero: f64::from(displacement.zero),
+            magnitude: low.abs().max(high.abs()),
+            spread: high - low,
+            roughness: f64::from(displacement.roughness),
+            levels,
+        }
+    }
+
+    /// Height in model units.
+    pub(super) fn height(&self, uv: DVec2) -> f64 {
+        self.scale * (self.levels[0].filtered(uv) - self.zero)
+    }
+
+    /// The same where a pixel covers many texels: 2^l (1 + s) of them are read from level l, and by the share s from the next.
+    pub(super) fn height_seen(&self, uv: DVec2, cover: Cover) -> f64 {
+        let (level, share) = self.level(cover);
+        let next = (level + 1).min(self.levels.len() - 1);
+        let texel = (1.0 - share) * self.levels[level].filtered(uv) + share * self.levels[next].filtered(uv);
+        self.scale * (texel - self.zero)
+    }
+
+    /// Which level a pixel is read from, and by what share from the next.
+    fn level(&self, cover: Cover) -> (usize, f64) {
+        let mut texels = cover.texels.max(1.0);
+        let mut level = 0;
+        while texels >= 2.0 && level + 1 < self.levels.len() {
+            texels /= 2.0;
+            level += 1;
+        }
+        // Beyond the last level there is nothing.
+        (level, (texels - 1.0).min(1.0))
+    }
+
+    /// Bound on the error of a height computed in f32 from texture coordinates that are interpolated on the grid, the
+    /// magnitudes of their terms adding up to `uv`.
+    ///
+    /// Reducing the coordinates to [0,1] adds 2 u, scaling to texels the product and 1 u of the map's size, and a shift of
+    /// x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add two
+    /// roundings.
+    pub(super) fn height_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
+        let filter = rounding.bilinear() * self.magnitude;
+        let offset = 2.0 * (self.magnitude + self.zero.abs());
+        UNIT_ROUNDOFF * self.scale.abs() * (self.levels[0].shift_error(uv, rounding) + filter + offset)
+    }
+
+    /// The same for [`height_seen`](Self::height_seen): the greatest of both levels' errors, the mean of the two, and what
+    /// the error of the share makes: a share of 1 changes the value by no more than the spread of texels.
+    pub(super) fn height_seen_error(&self, uv: DVec2, cover: Cover, rounding: Rounding) -> f64 {
+        let (level, _) = self.level(cover);
+        let next = (level + 1).min(self.levels.len() - 1);
+        let shift =
+            self.levels[level].shift_error(uv, rounding).max(self.levels[next].shift_error(uv, rounding));
+        let filter = (rounding.bilinear() + 3.0 + rounding.product) * self.magnitude;
+        let offset = 2.0 * (self.magnitude + self.zero.abs());
+        // Shares below a power of two are of texels half as large.
+        let share =
+            if cover.texels + cover.error > 1.0 { 2.0 * cover.error / cover.texels.max(1.0) } else { 0.0 };
+        self.scale.abs() * (UNIT_ROUNDOFF * (shift + filter + offset) + share * self.spread)
+    }
+
+    /// The side of a pixel, in model units, from which on levels are read: that of a texel of `size`, or 2.2 times what the
+    /// host found that levels differ by.
+    pub(super) fn finest(&self, size: f64) -> f64 {
+        size.max(2.2 * (self.scale * self.roughness).abs())
+    }
+
+    /// Sides in texels.
+    pub(super) fn size(&self) -> DVec2 {
+        self.levels[0].size()
+    }
+
+    /// Height of a texel step from 0 to 1.
+    pub(super) fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Greatest difference between neighbours in a row, and in a column.
+    pub(super) fn steepest(&self) -> DVec2 {
+        self.levels[0].steepest
+    }
+
+    /// Distances, in texels, from the nearest line through the centres of a column, and of a row.
+    pub(super) fn distance_to_lines(&self, uv: DVec2) -> DVec2 {
+        let texel = uv * self.size() - DVec2::splat(0.5);
+        (texel - texel.round()).abs()
     }
 }
 
@@ -148,7 +242,7 @@ mod tests {
             wrap,
             ..Displacement::default()
         };
-        Relief::new(&buffers, &displacement)
+        Relief::new(&buffers, &displacement, false)
     }
 
     #[test]
@@ -184,5 +278,23 @@ mod tests {
     fn steepest_step_counts_the_seam() {
         assert_eq!(relief(wrap::REPEAT).steepest(), DVec2::new(2.0, 10.0));
         assert_eq!(relief(wrap::CLAMP).steepest(), DVec2::new(1.0, 10.0));
+    }
+
+    /// A 4x1 map and its levels 2x1 and 1x1.
+    #[test]
+    fn pixels_are_read_between_levels() {
+        let texels = [0.0_f32, 2.0, 4.0, 6.0, 10.0, 50.0, 300.0].map(f32::to_bits).into();
+        let buffers = SceneBuffers { height_texels: texels, ..SceneBuffers::default() };
+        let map = Displacement {
+            scale: 1.0,
+            map_width: 4,
+            map_height: 1,
+            format: height_format::FLOAT32,
+            wrap: wrap::CLAMP,
+            ..Displacement::default()
+        };
+        let relief = Relief::new(&buffers, &map, true);
+        let seen = |texels| relief.height_seen(DVec2::new(0.25, 0.5), Cover { texels, error: 0.0 });
+        assert_eq!([0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 1e9].map(seen), [1.0, 1.0, 5.5, 10.0, 155.0, 300.0, 300.0]);
     }
 }

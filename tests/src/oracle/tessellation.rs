@@ -1,11 +1,11 @@
 //! The micro-triangle surface in f64, stored: what the kernels never do.
 
-use super::relief::Relief;
+use super::relief::{Cover, Relief};
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
 use super::vectors::{Axes, End, Moved};
-use super::welding::{Decided, Side, Welding, uv};
+use super::welding::{Decided, Side, Welding, texel_scale, uv};
 use emboss::backend::SceneBuffers;
-use emboss_kernels::interface::{FLIPPED, displacement_kind, normals};
+use emboss_kernels::interface::{FLIPPED, Frame, displacement_kind, filter, normals};
 use emboss_kernels::scene::Features;
 use glam::{DVec2, DVec3};
 
@@ -69,23 +69,72 @@ pub(super) struct Base<'a> {
     /// Whether directions stay as long as interpolation makes them.
     pub(super) linear: bool,
     pub(super) rounding: Rounding,
+    /// From where pixels are seen, where maps are filtered by their levels.
+    sight: Option<Sight>,
     n: u32,
 }
 
+/// From where pixels are seen.
+struct Sight {
+    eye: DVec3,
+    /// Side of a pixel at distance 1.
+    pixel: f64,
+    /// The greatest height, up or down.
+    reach: f64,
+}
+
+/// A place on the base mesh or an edge of it, where maps are read.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    pub(super) point: DVec3,
+    /// Sums of the magnitudes of the terms of `point`.
+    pub(super) magnitude: DVec3,
+}
+
 impl<'a> Base<'a> {
-    /// Decides what the first `count` triangles share.
+    /// Decides what the triangles that `frame` counts share.
     pub(super) fn new(
         buffers: &'a SceneBuffers,
+        frame: &Frame,
         features: Features,
         rounding: Rounding,
-        count: u32,
-        n: u32,
     ) -> Base<'a> {
+        let filtered = features.filter != filter::BILINEAR;
         let reliefs: Vec<Relief> =
-            buffers.displacements.iter().map(|map| Relief::new(buffers, map)).collect();
-        let welding = Welding::new(buffers, &reliefs, count, features.seams != 0, rounding);
+            buffers.displacements.iter().map(|map| Relief::new(buffers, map, filtered)).collect();
+        let welding = Welding::new(buffers, &reliefs, frame.triangle_count, features.seams != 0, rounding);
         let linear = features.normals == normals::LINEAR;
-        Base { buffers, reliefs, welding, kind: features.displacement, linear, rounding, n }
+        let sight = filtered.then(|| Sight {
+            eye: frame.camera.eye.as_dvec3(),
+            pixel: 2.0 * frame.camera.up.as_dvec3().length() / f64::from(frame.height),
+            reach: f64::from(frame.height_min.abs().max(frame.height_max.abs())),
+        });
+        let (kind, n) = (features.displacement, frame.subdivisions);
+        Base { buffers, reliefs, welding, kind, linear, rounding, sight, n }
+    }
+
+    /// What a map gives at texture coordinates `uv`, the magnitudes of whose terms add up to `terms`, at a place where
+    /// texels are of the size `texels.x` and no more than `texels.y` are covered; and how far an f32 evaluation may be off.
+    pub(super) fn height(
+        &self,
+        relief: &Relief,
+        uv: DVec2,
+        terms: DVec2,
+        place: Place,
+        texels: DVec2,
+    ) -> (f64, f64) {
+        let Some(sight) = &self.sight else {
+            return (relief.height(uv), relief.height_error(terms, self.rounding));
+        };
+        let distance = place.point.distance(sight.eye);
+        let (side, finest) = (sight.pixel * (distance - sight.reach).max(0.0), relief.finest(texels.x));
+        // The point is off by its interpolation; difference, root, sums and products take less than 24 u.
+        let off =
+            (self.rounding.interpolation() * place.magnitude).length() + 24.0 * (distance + sight.reach);
+        let covered = (side / finest).min(texels.y);
+        let error = UNIT_ROUNDOFF * (sight.pixel * off / finest + 32.0 * covered);
+        let cover = if covered.is_finite() { Cover { texels: covered, error } } else { Cover::ONE };
+        (relief.height_seen(uv, cover), relief.height_seen_error(terms, cover, self.rounding))
     }
 
     /// The maps of a vector's components, the first of them at `map`.
@@ -261,6 +310,7 @@ struct Border<'a> {
     normals: [DVec3; 3],
     uv: [DVec2; 3],
     axes: [Axes; 3],
+    texels: [DVec2; 3],
     map: u32,
     junctions: [u32; 3],
     corners: [Option<&'a Decided>; 3],
@@ -284,6 +334,7 @@ impl<'a> Border<'a> {
             normals: vertices.map(|v| v.normal.as_dvec3()),
             uv: vertices.map(|v| uv(&v)),
             axes: triangle.vertices.map(|v| Axes::of_vertex(base.buffers, v)),
+            texels: triangle.vertices.map(|v| texel_scale(base.buffers, v)),
             map: triangle.displacement,
             junctions,
             corners: junctions.map(|junction| base.welding.decided(junction)),
@@ -307,17 +358,23 @@ impl<'a> Border<'a> {
             }
             (None, None) => (None, [0.0; 2]),
         };
-        let end = |weight, uv, axes| End { weight, uv, axes };
+        let end = |weight, uv, axes, texels| End { weight, uv, axes, texels };
+        let place = Place { point, magnitude };
         let vectors: Vec<Moved> = match sides {
             Some(sides) => sides
                 .iter()
                 .map(|side| {
                     let [start, last] = side.axes;
-                    let ends = [end(weights[0], side.start, start), end(weights[1], side.end, last)];
-                    Moved::new(base, side.map, &ends)
+                    let [from, to] = side.texels;
+                    let ends =
+                        [end(weights[0], side.start, start, from), end(weights[1], side.end, last, to)];
+                    Moved::new(base, side.map, place, &ends)
                 })
                 .collect(),
-            None => vec![Moved::new(base, self.map, &[0, 1, 2].map(|e| end(w[e], self.uv[e], self.axes[e])))],
+            None => {
+                let ends = [0, 1, 2].map(|e| end(w[e], self.uv[e], self.axes[e], self.texels[e]));
+                vec![Moved::new(base, self.map, place, &ends)]
+            }
         };
         let mean = Moved::mean(&vectors, base.rounding);
         let rounded = (base.rounding.interpolation() + 3.0) * magnitude;
@@ -327,23 +384,32 @@ impl<'a> Border<'a> {
     /// The micro-vertex over barycentric coordinates `w` of a grid point.
     fn site(&self, base: &Base<'_>, w: [f64; 3]) -> Site {
         let relief = &base.reliefs[self.map as usize];
+        let place =
+            Place { point: mixed(w, self.positions), magnitude: mixed(w, self.positions.map(DVec3::abs)) };
+        let terms = mixed(w, self.uv.map(DVec2::abs));
+        let (height, height_error) =
+            base.height(relief, mixed(w, self.uv), terms, place, mixed(w, self.texels));
         let inner = Site {
-            point: mixed(w, self.positions),
-            magnitude: mixed(w, self.positions.map(DVec3::abs)),
+            point: place.point,
+            magnitude: place.magnitude,
             direction: mixed(w, self.normals),
             // Normals add up to a vector no longer than 1.
             direction_error: base.rounding.interpolation(),
-            height: relief.height(mixed(w, self.uv)),
-            height_error: relief.height_error(mixed(w, self.uv.map(DVec2::abs)), base.rounding),
+            height,
+            height_error,
         };
         // Decided directions come rounded.
         let direction_error = inner.direction_error + 1.0;
         if let Some(corner) = (0..3).find(|&e| w[e] == 1.0) {
-            return match self.corners[corner] {
-                Some(&Decided { direction, height, height_error }) => {
+            return match (self.corners[corner], self.readings[corner]) {
+                (Some(&Decided { direction, .. }), Some(readings)) if base.sight.is_some() => {
+                    let (height, height_error) = mean_height(base, readings, [1.0, 0.0], place);
                     Site { direction, direction_error, height, height_error, ..inner }
                 }
-                None => inner,
+                (Some(&Decided { direction, height, height_error }), _) => {
+                    Site { direction, direction_error, height, height_error, ..inner }
+                }
+                (None, _) => inner,
             };
         }
         let Some((edge, sides)) = (0..3).filter(|&e| w[e] == 0.0).find_map(|e| Some((e, self.sides[e]?)))
@@ -353,24 +419,31 @@ impl<'a> Border<'a> {
         let direction = |e: usize| self.corners[e].map_or(self.normals[e], |decided| decided.direction);
         let (a, b) = ((edge + 1) % 3, (edge + 2) % 3);
         let (from, to) = if self.junctions[a] < self.junctions[b] { (a, b) } else { (b, a) };
-        let count = sides.len() as f64;
-        let (mut height, mut magnitude, mut height_error) = (0.0, 0.0, 0.0);
-        for side in sides {
-            let relief = &base.reliefs[side.map as usize];
-            let h = relief.height(side.start * w[from] + side.end * w[to]);
-            height += h / count;
-            magnitude += h.abs() / count;
-            let terms = side.start.abs() * w[from] + side.end.abs() * w[to];
-            height_error += relief.height_error(terms, base.rounding) / count;
-        }
+        let (height, height_error) = mean_height(base, sides, [w[from], w[to]], place);
         Site {
             direction: direction(a) * w[a] + direction(b) * w[b],
             direction_error,
             height,
-            height_error: height_error + UNIT_ROUNDOFF * base.rounding.mean(sides.len()) * magnitude,
+            height_error,
             ..inner
         }
     }
+}
+
+/// The mean of the heights of sides where their ends have these weights, and how far an f32 evaluation may be off.
+fn mean_height(base: &Base<'_>, sides: &[Side], [from, to]: [f64; 2], place: Place) -> (f64, f64) {
+    let count = sides.len() as f64;
+    let (mut height, mut magnitude, mut error) = (0.0, 0.0, 0.0);
+    for side in sides {
+        let mix = |ends: [DVec2; 2]| ends[0] * from + ends[1] * to;
+        let ends = [side.start, side.end];
+        let relief = &base.reliefs[side.map as usize];
+        let (h, h_error) = base.height(relief, mix(ends), mix(ends.map(DVec2::abs)), place, mix(side.texels));
+        height += h / count;
+        magnitude += h.abs() / count;
+        error += h_error / count;
+    }
+    (height, error + UNIT_ROUNDOFF * base.rounding.mean(sides.len()) * magnitude)
 }
 
 /// The weighted sum of three values.

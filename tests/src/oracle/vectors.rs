@@ -1,7 +1,7 @@
 //! Vector displacement in f64, and how far an f32 evaluation of it may be off.
 
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
-use super::tessellation::Base;
+use super::tessellation::{Base, Place};
 use emboss::backend::SceneBuffers;
 use emboss_kernels::interface::displacement_kind;
 use glam::{DVec2, DVec3};
@@ -29,6 +29,8 @@ pub(super) struct End {
     pub(super) weight: f64,
     pub(super) uv: DVec2,
     pub(super) axes: Axes,
+    /// How large texels are there, and how many of them a pixel covers at the most.
+    pub(super) texels: DVec2,
 }
 
 /// A vector by which something is displaced.
@@ -47,13 +49,14 @@ impl Moved {
     /// A component of height h is along an axis a, of unit vectors interpolated and then normalised or not. Heights are off
     /// as in [`Relief::height_error`](super::relief::Relief::height_error), axes by their interpolation, the bitangent by its
     /// cross product too; what that makes of the component is as for heights along normals. Then come three fused operations.
-    pub(super) fn new(base: &Base<'_>, map: u32, ends: &[End]) -> Moved {
+    pub(super) fn new(base: &Base<'_>, map: u32, place: Place, ends: &[End]) -> Moved {
         let uv: DVec2 = ends.iter().map(|end| end.uv * end.weight).sum();
         let terms: DVec2 = ends.iter().map(|end| end.uv.abs() * end.weight).sum();
+        let texels: DVec2 = ends.iter().map(|end| end.texels * end.weight).sum();
         let rounding = base.rounding;
         let mut moved = Moved { vector: DVec3::ZERO, error: 0.0, magnitude: 0.0 };
         for (i, relief) in base.components(map).iter().enumerate() {
-            let (height, height_error) = (relief.height(uv), relief.height_error(terms, rounding));
+            let (height, height_error) = base.height(relief, uv, terms, place, texels);
             let (axis, axis_error) = if base.kind == displacement_kind::OBJECT {
                 (Axes::XYZ.0[i], 0.0)
             } else {

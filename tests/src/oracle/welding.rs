@@ -24,6 +24,8 @@ pub(super) struct Side {
     pub(super) map: u32,
     /// What vectors are along at both ends; the same everywhere where they are along x, y and z, or there are none.
     pub(super) axes: [Axes; 2],
+    /// How large texels are at both ends, and how many of them a pixel covers at the most.
+    pub(super) texels: [DVec2; 2],
 }
 
 /// What triangles that disagree at a place have in common there.
@@ -124,7 +126,8 @@ fn different(buffers: &SceneBuffers, uses: impl Iterator<Item = [Use; 2]>) -> Ve
     for ends in uses {
         let [start, end] = ends.map(|(v, _)| uv(&buffers.vertices[v as usize]));
         let axes = ends.map(|(v, _)| Axes::of_vertex(buffers, v));
-        let side = Side { start, end, map: ends[0].1, axes };
+        let texels = ends.map(|(v, _)| texel_scale(buffers, v));
+        let side = Side { start, end, map: ends[0].1, axes, texels };
         if !sides.contains(&side) {
             sides.push(side);
         }
@@ -135,6 +138,14 @@ fn different(buffers: &SceneBuffers, uses: impl Iterator<Item = [Use; 2]>) -> Ve
 /// Texture coordinates of a vertex.
 pub(super) fn uv(vertex: &Vertex) -> DVec2 {
     DVec2::new(f64::from(vertex.u), f64::from(vertex.v))
+}
+
+/// The size of texels at a vertex, and how many of them a pixel covers at the most, where the host says it.
+pub(super) fn texel_scale(buffers: &SceneBuffers, vertex: u32) -> DVec2 {
+    buffers
+        .texel_scales
+        .get(vertex as usize)
+        .map_or(DVec2::ONE, |scale| DVec2::new(f64::from(scale.size), f64::from(scale.span)))
 }
 
 fn uses(triangle: &Triangle) -> [Use; 3] {
@@ -209,7 +220,7 @@ mod tests {
             ..SceneBuffers::default()
         };
         let reliefs: Vec<Relief> =
-            buffers.displacements.iter().map(|map| Relief::new(&buffers, map)).collect();
+            buffers.displacements.iter().map(|map| Relief::new(&buffers, map, false)).collect();
         (Welding::new(&buffers, &reliefs, 3, welded, Rounding::IEEE), buffers)
     }
 
@@ -236,7 +247,7 @@ mod tests {
         let side = |start: f64, end: f64, map| {
             let [start, end] = [start, end].map(|u| DVec2::new(u, 0.5));
             let [start, end] = if start_first { [start, end] } else { [end, start] };
-            Side { start, end, map, axes: [Axes::XYZ; 2] }
+            Side { start, end, map, axes: [Axes::XYZ; 2], texels: [DVec2::ONE; 2] }
         };
         assert_eq!(welding.sides(ends[0], ends[1]), Some(&[side(0.5, 0.25, 0), side(0.75, 0.5, 1)][..]));
         assert_eq!(welding.sides(shared[0].min(shared[1]), shared[0].max(shared[1])), None);

@@ -26,10 +26,10 @@ const SMALLER_SIZE: &str = "use a smaller --size, or --backend cpu";
 const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
-/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`] and
-/// [`binding::TANGENTS`], which live as long as the scene.
+/// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
+/// [`binding::TANGENTS`] and [`binding::TEXEL_SCALES`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last three: the boxes, the materials, the tangents.
+    /// By binding, but for the last four: the boxes, the materials, the tangents, the texels' sizes.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -45,6 +45,7 @@ fn place_of(binding: u32) -> usize {
         binding::BOXES => binding::COUNTERS as usize + 1,
         binding::MATERIALS => binding::COUNTERS as usize + 2,
         binding::TANGENTS => binding::COUNTERS as usize + 3,
+        binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
         _ => binding as usize,
     }
 }
@@ -148,7 +149,7 @@ impl Resident {
         Ok(())
     }
 
-    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes, the materials or the tangents.
+    /// The buffer of a binding up to [`binding::COUNTERS`], of the boxes, or one of those behind.
     pub(super) fn buffer(&self, binding: u32) -> &Buffer {
         &self.buffers[place_of(binding)]
     }
@@ -199,8 +200,8 @@ impl Content<'_> {
     }
 }
 
-/// What each buffer holds, in the order of bindings, the boxes, the materials and the tangents last.
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 4] {
+/// What each buffer holds, in the order of [`place_of`].
+fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 5] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
@@ -225,6 +226,7 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         zeros("the prisms' boxes", SMALLER_MODEL, 6 * triangles, size_of::<f32>()),
         uploaded("the materials", SMALLER_SCENE, cast_slice(&scene.materials)),
         uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
+        uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
     ]
 }
 
@@ -265,7 +267,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::{Material, Tangent};
+    use emboss_kernels::interface::{Material, Tangent, TexelScale};
 
     #[test]
     fn contents_stand_at_their_bindings() {
@@ -275,6 +277,7 @@ mod tests {
             color_texels: vec![2; 5],
             materials: vec![Material::default(); 3],
             tangents: vec![Tangent::default(); 3],
+            texel_scales: vec![TexelScale::default(); 3],
             ..Default::default()
         };
         let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
@@ -288,6 +291,7 @@ mod tests {
         assert_eq!(bytes(binding::PRIMITIVES), 4 * 4);
         assert_eq!(bytes(binding::BOXES), 4 * 24);
         assert_eq!(bytes(binding::TANGENTS), 3 * 16);
+        assert_eq!(bytes(binding::TEXEL_SCALES), 3 * 8);
         assert_eq!(bytes(binding::COLOR_TEXELS), 20);
         assert_eq!(bytes(binding::MATERIALS), 3 * 32);
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);

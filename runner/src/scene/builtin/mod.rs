@@ -57,8 +57,8 @@ fn light(position: Vec3, strength: f32, color: Vec3) -> PointLight {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::{Displacement, wrap};
-    use emboss_kernels::texture::sample_height;
+    use emboss_kernels::interface::wrap;
+    use emboss_kernels::texture::{HeightTexels, Level, LevelOfDetail};
     use glam::Vec2;
     use std::collections::HashMap;
     use std::sync::LazyLock;
@@ -198,8 +198,11 @@ mod tests {
     #[test]
     fn the_knots_heights_agree_across_its_seams() {
         let map = &KNOT.height;
-        let size = Displacement { map_width: map.width, map_height: map.height, ..Displacement::default() };
-        let height = |u, v| sample_height(&map.texels, map.format, wrap::REPEAT, &size, Vec2::new(u, v));
+        let texels =
+            HeightTexels { texels: &map.texels, format: map.format, wrap: wrap::REPEAT, first_word: 0 };
+        let height = |u, v| {
+            texels.sample(Level::finest(map.width, map.height), Vec2::new(u, v), LevelOfDetail::FINEST)
+        };
         for k in 0..=1000u16 {
             let along = f32::from(k) / 1000.0;
             // The same four texels with the same weights of one half: each side leaves their range by 3 ulp at most.
