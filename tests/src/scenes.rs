@@ -8,7 +8,7 @@ use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{DisplacementKind, Light, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::interface::{PointLight, Vertex, height_format};
+use emboss_kernels::interface::{Camera, PointLight, Vertex, height_format};
 use emboss_kernels::scene::SceneView;
 use glam::{Quat, Vec3};
 use std::ops::Deref;
@@ -138,6 +138,19 @@ impl ReadyJob {
         let reach = frame.height_min.abs().max(frame.height_max.abs());
         let distance = frame.camera.eye.distance(middle) - reach;
         frame.camera.up = Vec3::Y * (0.5 * frame.height as f32 * 4.0 * texel / distance);
+        self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("only the camera is another");
+    }
+
+    /// Looks from elsewhere at the origin, as wide as before.
+    ///
+    /// # Panics
+    /// From straight above or below.
+    pub fn look_from(&mut self, eye: Vec3) {
+        let camera = &mut self.job.frame.camera;
+        let forward = -eye.normalize();
+        let right = forward.cross(Vec3::Y).normalize() * camera.right.length();
+        let up = right.cross(forward).normalize() * camera.up.length();
+        *camera = Camera { eye, right, up, forward, ..*camera };
         self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("only the camera is another");
     }
 
