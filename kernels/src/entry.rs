@@ -44,6 +44,7 @@ pub fn render(
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] color_filter: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -91,6 +92,7 @@ pub fn render(
         smooth,
         displacement,
         color_filter,
+        adaptive,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -132,6 +134,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -174,6 +177,7 @@ pub fn trace_rays(
         normals,
         seams: welded,
         displacement,
+        adaptive,
         ..Features::default()
     };
     let mut counts = Counts::default();

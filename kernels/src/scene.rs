@@ -67,6 +67,8 @@ pub struct Features {
     pub displacement: u32,
     /// See [`color_filter`](crate::interface::color_filter).
     pub color_filter: u32,
+    /// 1 where N of each triangle follows its distance to the camera.
+    pub adaptive: u32,
 }
 
 impl Features {
@@ -86,6 +88,7 @@ impl Features {
             self.smooth,
             self.displacement,
             self.color_filter,
+            self.adaptive,
         ]
     }
 }

@@ -41,6 +41,7 @@ pub(crate) const FLAT: Features = Features {
     smooth: 0,
     displacement: 0,
     color_filter: 0,
+    adaptive: 0,
 };
 
 impl TestScene {

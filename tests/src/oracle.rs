@@ -22,6 +22,7 @@
 //!   two triangles lie on the same side of it) at more than e, is not let through by f32 either: moving vertices by
 //!   e moves no outline across the ray. Which of the triangles around an edge or vertex is hit may differ.
 
+mod cutting;
 mod limit;
 mod line;
 mod relief;
@@ -110,7 +111,7 @@ impl Oracle {
     }
 
     fn with_rounding(buffers: &SceneBuffers, frame: &Frame, features: Features, rounding: Rounding) -> Self {
-        let base = Base::new(buffers, features, rounding, frame.triangle_count, frame.subdivisions);
+        let base = Base::new(buffers, frame, features, rounding);
         let pieces: Vec<Piece> =
             (0..frame.triangle_count).into_par_iter().map(|triangle| Piece::new(&base, triangle)).collect();
         let vertex_error = pieces.iter().fold(0.0, |most, piece| piece.error.max(most));

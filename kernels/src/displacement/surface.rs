@@ -5,6 +5,7 @@ use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
 use crate::displacement::quadtree::{Node, RayFrame};
+use crate::displacement::subdivisions::{Subdivisions, Viewpoint, exact_weight};
 use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
@@ -38,8 +39,14 @@ pub struct HeightField<'a> {
     wrap: u32,
     /// Whether directions are unit vectors: see [`normals`].
     pub normals: u32,
-    /// N: parts of each side of a base triangle.
+    /// N: parts of each side of a base triangle. Where it is adaptive that of one, see [`of_triangle`](Self::of_triangle).
     pub subdivisions: u32,
+    /// [`Subdivisions::steps`] of that triangle; not read unless N is adaptive.
+    steps: [u32; 3],
+    /// What N follows where it is adaptive.
+    pub viewpoint: Viewpoint,
+    /// Whether N is adaptive.
+    is_adaptive: bool,
     /// Whether any triangle has seams.
     welded: bool,
 }
@@ -61,8 +68,67 @@ impl<'a> HeightField<'a> {
             wrap: features.height_wrap,
             normals: features.normals,
             subdivisions: scene.frame.subdivisions,
+            steps: [1, 1, 1],
+            viewpoint: Viewpoint::new(scene.frame),
+            is_adaptive: features.adaptive != 0,
             welded: features.seams != 0,
         }
+    }
+
+    /// The height field as base triangle `primitive` is cut. Where N is adaptive everything that concerns micro-triangles takes
+    /// this one.
+    #[inline]
+    pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32) -> Self {
+        // Not a choice between two height fields: what is copied as a whole is not known field by field, constants among it.
+        let mut cut = Subdivisions::uniform(self.subdivisions);
+        if self.is_adaptive {
+            let [a, b, c] = at(scene.triangles, primitive).vertices;
+            let position = |i: u32| at(scene.vertices, i).position;
+            cut = self.viewpoint.subdivisions(position(a), position(b), position(c));
+        }
+        self.cut(cut)
+    }
+
+    /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same everywhere.
+    #[inline]
+    pub fn cut(self, cut: Subdivisions) -> Self {
+        HeightField { subdivisions: cut.triangle, steps: cut.steps, ..self }
+    }
+
+    /// How the base triangle is cut.
+    #[inline]
+    pub fn cutting(&self) -> Subdivisions {
+        Subdivisions {
+            triangle: self.subdivisions,
+            steps: if self.is_adaptive { self.steps } else { [1, 1, 1] },
+        }
+    }
+
+    /// Barycentric coordinates of the point over which grid point (j, k) is displaced: its own, but for those on edges of fewer
+    /// parts than the triangle ([`Subdivisions::snapped`]).
+    #[inline]
+    pub fn weights(&self, j: u32, k: u32) -> Vec3 {
+        let n = self.subdivisions;
+        if self.is_adaptive {
+            let (j, k) = self.cutting().snapped(j, k);
+            Vec3::new(exact_weight(n - j - k, n), exact_weight(j, n), exact_weight(k, n))
+        } else {
+            grid_point(j, k, n)
+        }
+    }
+
+    /// The root of how many times the base triangle is as large as a cell in barycentric coordinates: N, but for cells at edges
+    /// of fewer parts. Infinite where such a cell has no area.
+    #[inline]
+    pub fn parts(&self, cell: Cell) -> f32 {
+        let n = self.subdivisions as f32;
+        if self.is_adaptive { n / sqrt(self.cutting().cells(cell) as f32) } else { n }
+    }
+
+    /// Whether N is that of each triangle.
+    #[inline]
+    pub fn is_adaptive(&self) -> bool {
+        self.is_adaptive
     }
 
     /// Whether displacement is by vectors.
@@ -269,7 +335,7 @@ impl BaseTriangle {
     #[inline]
     pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> Vec3 {
         let n = field.subdivisions;
-        let w = grid_point(j, k, n);
+        let w = field.weights(j, k);
         let p = interpolate(w, self.p0, self.p1, self.p2);
         let on_seam = self.has_seams(field) && (j == 0 || k == 0 || j + k == n);
         // No early return: spirv-opt keeps what follows one, though a constant decides.
@@ -465,7 +531,7 @@ impl BaseTriangle {
         let grown = flat.padded(reach + error);
         let frame = RayFrame::along_axes(self.p0);
         let node = Node::root(field.subdivisions);
-        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field));
+        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field), 0);
         // As in the quadtree, but for the frame's axes, which are exact, and its origin, which is added again.
         let size = max_abs(self.p1 - self.p0).max(max_abs(self.p2 - self.p0)) + reach;
         let of_bound =
