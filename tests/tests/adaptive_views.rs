@@ -64,16 +64,14 @@ impl Views {
 #[test]
 #[expect(clippy::print_stdout, reason = "the table is what the test is run by hand for")]
 fn adaptive_n_is_as_fine_as_it_needs() {
-    for name in ["builtin:knot", "builtin:quilt"] {
+    for name in ["builtin:knot"] {
         let mut finest = Views::new(name, Some(1024));
-        let eyes = [0.4, 1.0, 4.0].map(|share| (share, finest.eye(share)));
+        let eyes = [0.4, 4.0].map(|share| (share, finest.eye(share)));
         let finest = eyes.map(|(_, eye)| finest.picture(eye).0);
-        let mut of_auto = [(0.0, 0.0, 0); 3];
+        let mut of_auto = [(0.0, 0.0, 0); 2];
         for n in [None, Some(8), Some(64), Some(512)] {
             let mut views = Views::new(name, n);
             for (i, (share, eye)) in eyes.into_iter().enumerate() {
-                // The first picture warms up.
-                views.picture(eye);
                 let (picture, time) = views.picture(eye);
                 let (cuts, error) = (views.job.cuts(), rmse(&picture, &finest[i]));
                 if n.is_none() {
@@ -135,8 +133,8 @@ fn areas(job: &ReadyJob, every: u32) -> Vec<f64> {
 #[test]
 #[expect(clippy::print_stdout, reason = "the shares are what EXACTNESS.md states")]
 fn micro_triangles_are_smaller_than_pixels() {
-    for name in ["builtin:knot", "builtin:quilt"] {
-        for share in [0.4, 1.0, 4.0] {
+    for name in ["builtin:knot", "builtin:cube"] {
+        for share in [0.4, 4.0] {
             let eye = Views::new(name, Some(1)).eye(share);
             for scale in [None, Some(0.0)] {
                 let (scene, mut settings) = builtin_scene(name, 4096, WIDTH, HEIGHT);
@@ -165,7 +163,7 @@ fn n_does_not_flicker_on_a_path() {
     let steps = |n: Option<u32>| {
         let mut views = Views::new("builtin:knot", n);
         let start = views.eye(1.0);
-        let pictures: Vec<Picture> = (0..9).map(|i| views.picture(start * 0.99_f32.powi(i)).0).collect();
+        let pictures: Vec<Picture> = (0..6).map(|i| views.picture(start * 0.99_f32.powi(i)).0).collect();
         pictures.windows(2).map(|two| rmse(&two[1], &two[0])).collect::<Vec<f64>>()
     };
     let (auto, fixed) = (steps(None), steps(Some(256)));

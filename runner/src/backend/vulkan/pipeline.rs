@@ -224,9 +224,10 @@ impl Kernel {
                 SMOOTH,
                 DISPLACEMENT,
                 COLOR_FILTER,
+                ADAPTIVE,
             ],
             Kernel::TraceRays => {
-                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT]
+                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT, ADAPTIVE]
             }
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
