@@ -731,7 +731,7 @@ fn a_vector_map_of_one_channel_is_refused() {
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 24] = [
+    let cases: [(&[&str], &str); 26] = [
         (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
