@@ -44,6 +44,7 @@ pub fn render(
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -93,6 +94,7 @@ pub fn render(
         smooth,
         displacement,
         filter,
+        adaptive,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -135,6 +137,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -180,6 +183,7 @@ pub fn trace_rays(
         seams: welded,
         displacement,
         filter,
+        adaptive,
         ..Features::default()
     };
     let mut counts = Counts::default();

@@ -124,8 +124,10 @@ pub mod spec {
     pub const DISPLACEMENT: u32 = 11;
     /// How maps are read: [`filter`](super::filter).
     pub const FILTER: u32 = 12;
+    /// 1 where N of each triangle follows its distance to the camera: [`Frame::detail`](super::Frame::detail).
+    pub const ADAPTIVE: u32 = 13;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 13;
+    pub const COUNT: u32 = 14;
 }
 
 /// Values of [`spec::METHOD`].
@@ -506,14 +508,16 @@ pub struct Frame {
     pub triangle_count: u32,
     /// [`shade::STEPS`]: the count that is shown red.
     pub steps_scale: u32,
-    /// N: parts of each side of a triangle, 1 to [`MAX_SUBDIVISIONS`].
+    /// N: parts of each side of a triangle, 1 to [`MAX_SUBDIVISIONS`]. Where N is adaptive the most parts, a power of two.
     pub subdivisions: u32,
     /// Least height of all maps, rounded down.
     pub height_min: f32,
     /// Greatest height of all maps, rounded up.
     pub height_max: f32,
+    /// Where N is adaptive: 1 / l², l the length that a part of an edge may have at distance 1 from the eye. Above 0.
+    pub detail: f32,
     /// Unused.
-    pub padding: [u32; 2],
+    pub padding: u32,
 }
 
 impl Frame {

@@ -70,6 +70,8 @@ pub struct Features {
     pub displacement: u32,
     /// See [`filter`](crate::interface::filter).
     pub filter: u32,
+    /// 1 where N of each triangle follows its distance to the camera.
+    pub adaptive: u32,
 }
 
 impl Features {
@@ -89,6 +91,7 @@ impl Features {
             self.smooth,
             self.displacement,
             self.filter,
+            self.adaptive,
         ]
     }
 }

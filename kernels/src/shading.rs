@@ -1,6 +1,6 @@
 //! From a hit to a colour.
 
-use crate::barycentric::{grid_point, interpolate};
+use crate::barycentric::interpolate;
 use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
@@ -50,15 +50,14 @@ impl SurfaceInteraction {
         let base = BaseTriangle::load(scene, hit.primitive);
         let (b1, b2) = (hit.b1, hit.b2);
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
-        let field = HeightField::new(scene, features);
+        let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive);
         let (p, w) = if features.method == method::NONE {
             ([base.p0, base.p1, base.p2], b)
         } else {
             let cell = Cell::unpack(hit.cell);
-            let n = field.subdivisions;
             let corner = |e: u32| {
                 let (j, k) = cell.vertex(e);
-                grid_point(j, k, n)
+                field.weights(j, k)
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
@@ -73,7 +72,7 @@ impl SurfaceInteraction {
             base.shading_normal(&field, w, ng)
         };
         let uv = base.uv(w);
-        let parts = if features.method == method::NONE { 1 } else { field.subdivisions };
+        let parts = if features.method == method::NONE { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
         SurfaceInteraction {
             point: interpolate(b, p[0], p[1], p[2]),
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
@@ -81,8 +80,7 @@ impl SurfaceInteraction {
             ns,
             uv,
             material: base.material,
-            uv_density: sqrt((base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs() / dot(area, n))
-                / parts as f32,
+            uv_density: sqrt((base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs() / dot(area, n)) / parts,
             height: if features.method == method::NONE { 0.0 } else { height(&field, &base, w) },
         }
     }

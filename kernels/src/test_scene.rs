@@ -42,6 +42,7 @@ pub(crate) const FLAT: Features = Features {
     smooth: 0,
     displacement: 0,
     filter: 0,
+    adaptive: 0,
 };
 
 impl TestScene {

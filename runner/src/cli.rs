@@ -14,11 +14,11 @@ use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::bench::build::BenchError;
 use crate::framing::View;
 use crate::picture::{Destination, PictureError, PictureFormat};
-use crate::render::{RenderError, Rendering, check_memory, load, prepare, render};
+use crate::render::{Cuts, RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
 use crate::scene::scene_file::SceneFile;
 use crate::settings::{
-    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Weld, Wrap,
+    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
 use crate::stats::{SettingsUsed, Stats, StatsError};
 use clap::Parser;
@@ -82,9 +82,10 @@ struct RenderArgs {
     /// says, else 5 % of the diagonal of the model's box]
     #[arg(value_parser = values::finite_or_default, allow_negative_numbers = true)]
     scale: Option<values::OrDefault<f32>>,
-    /// Subdivisions: parts of each triangle's side, 1 to 4096 [default: the built-in's, else 16]
+    /// Subdivisions: parts of each triangle's side, 1 to 4096; or auto, auto:PIXELS: as many as leave micro-triangles a
+    /// pixel, or PIXELS (0.1 to 64), from where the camera is [default: the built-in's, else 16]
     #[arg(value_name = "N", value_parser = values::subdivisions_or_default)]
-    subdivisions: Option<values::OrDefault<u32>>,
+    subdivisions: Option<values::OrDefault<Subdivisions>>,
 
     /// Picture to write: .png, or .exr (linear floats, premultiplied)
     #[arg(short, long, value_name = "FILE", default_value = "emboss.png")]
@@ -233,7 +234,9 @@ impl CliError {
                 | InputError::ChannelsOfNothing
                 | InputError::Scene(SceneError::SceneFile { .. }),
             )
-            | CliError::Render(RenderError::Framing(_) | RenderError::WalkOfVectors) => 2,
+            | CliError::Render(
+                RenderError::Framing(_) | RenderError::WalkOfVectors | RenderError::WalkOfAuto,
+            ) => 2,
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
             CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
             _ => 1,
@@ -404,6 +407,10 @@ impl RenderArgs {
             return Err(CliError::Interrupted(destination.path));
         }
         self.report_done(&destination, &rendering, samples, backend.device());
+        if job.features.adaptive != 0 && !self.quiet {
+            let Cuts { least, greatest, micro_triangles } = job.cuts();
+            say(format_args!("N was {least} to {greatest}: {micro_triangles} micro-triangles"));
+        }
         Ok(())
     }
 
@@ -440,6 +447,7 @@ impl RenderArgs {
             height,
             method: self.method.unwrap_or(base.method),
             displacement: self.displacement.unwrap_or(base.displacement),
+            adaptive: base.adaptive,
             normals: self.normals.unwrap_or(base.normals),
             weld: self.weld.unwrap_or(base.weld),
             shade: self.shade.unwrap_or(base.shade),
@@ -484,6 +492,7 @@ impl RenderArgs {
             channels: self.channels,
         })?;
         settings.displacement = inputs.displacement;
+        settings.adaptive = inputs.subdivisions.pixels();
         if let Some((from, up)) = inputs.view {
             (settings.view.from, settings.view.usual_up) = (from, up);
         }
@@ -572,7 +581,8 @@ mod tests {
         assert_eq!(args.height, Some(MapArgument::Default));
         assert_eq!(args.zero.and_then(values::OrDefault::given), Some(0.25));
         assert_eq!(args.scale.and_then(values::OrDefault::given), Some(-0.5));
-        assert_eq!(args.subdivisions.and_then(values::OrDefault::given), Some(8));
+        let given = args.subdivisions.and_then(values::OrDefault::given);
+        assert_eq!(given, Some(Subdivisions::Fixed(8)));
     }
 
     #[test]

@@ -12,7 +12,8 @@ use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::interface::{FilmPixel, Frame, PointLight};
+use emboss_kernels::displacement::subdivisions::Viewpoint;
+use emboss_kernels::interface::{FilmPixel, Frame, PointLight, Triangle};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use std::ops::ControlFlow;
@@ -32,7 +33,8 @@ pub struct Scene {
     ///
     /// [`Triangle::material`]: emboss_kernels::interface::Triangle::material
     pub materials: Vec<Material>,
-    /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS).
+    /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS). Where N is
+    /// [adaptive](Settings::adaptive) the greatest, a power of two.
     pub subdivisions: u32,
 }
 
@@ -64,6 +66,43 @@ impl Job {
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
         Ok(())
+    }
+}
+
+/// How finely the base triangles of a picture are cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cuts {
+    /// The least N of a triangle.
+    pub least: u32,
+    /// The greatest.
+    pub greatest: u32,
+    /// N² of each triangle, summed.
+    pub micro_triangles: u64,
+}
+
+impl Job {
+    /// How finely the triangles are cut, seen by the job's camera. Of no triangles N is the greatest.
+    pub fn cuts(&self) -> Cuts {
+        let viewpoint = Viewpoint::new(&self.frame);
+        let n_of = |triangle: &Triangle| {
+            if self.features.adaptive == 0 {
+                return self.frame.subdivisions;
+            }
+            let [a, b, c] = triangle.vertices.map(|v| self.buffers.vertices[v as usize].position);
+            viewpoint.subdivisions(a, b, c).triangle
+        };
+        let none = Cuts { least: u32::MAX, greatest: 0, micro_triangles: 0 };
+        let cuts = self.buffers.triangles.iter().map(n_of).fold(none, |cuts, n| Cuts {
+            least: cuts.least.min(n),
+            greatest: cuts.greatest.max(n),
+            micro_triangles: cuts.micro_triangles + u64::from(n).pow(2),
+        });
+        let most = self.frame.subdivisions;
+        Cuts {
+            least: cuts.least.min(most),
+            greatest: if cuts.greatest == 0 { most } else { cuts.greatest },
+            ..cuts
+        }
     }
 }
 
@@ -137,6 +176,11 @@ pub enum RenderError {
         "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
     )]
     WalkOfVectors,
+    /// The grid walk takes one N.
+    #[error(
+        "--method grid-walk walks through triangles of one N, but N is auto; use --method quadtree, or a number for N"
+    )]
+    WalkOfAuto,
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -175,6 +219,9 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
         return Err(RenderError::WalkOfVectors);
     }
+    if settings.adaptive.is_some() && settings.method == Method::GridWalk {
+        return Err(RenderError::WalkOfAuto);
+    }
     check_texels(&reliefs)?;
     let tangents = match settings.displacement {
         DisplacementKind::Tangent => mesh.split_by_tangents(),
@@ -206,7 +253,9 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         smooth: u32::from(settings.smooth),
         displacement: settings.displacement.id(),
         filter: settings.filter.id(),
+        adaptive: u32::from(settings.adaptive.is_some() && settings.method != Method::None),
     };
+    let detail = |pixels| framing::detail(&settings.view, settings.width, settings.height, pixels);
     let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {
         width: settings.width,
@@ -220,6 +269,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         subdivisions,
         height_min,
         height_max,
+        detail: settings.adaptive.map_or(0.0, detail),
         ..Frame::default()
     };
     let buffers = SceneBuffers {

@@ -1,8 +1,9 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use emboss_kernels::interface::{displacement_kind, filter, method, normals, shade, wrap};
+use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
 use glam::Vec3;
+use std::fmt;
 use std::str::FromStr;
 
 /// How displaced triangles are intersected.
@@ -38,6 +39,82 @@ impl Method {
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
             Method::None => 64,
+        }
+    }
+}
+
+/// N: into how many parts each side of a triangle is cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Subdivisions {
+    /// Into so many, 1 to [`MAX_SUBDIVISIONS`].
+    Fixed(u32),
+    /// Into as many as its distance to the camera asks for: see [`Settings::adaptive`].
+    Auto {
+        /// Least and greatest are 0.1 and 64.
+        pixels: f32,
+    },
+}
+
+impl Subdivisions {
+    /// The greatest number of parts.
+    pub fn most(self) -> u32 {
+        match self {
+            Subdivisions::Fixed(n) => n,
+            Subdivisions::Auto { .. } => MAX_SUBDIVISIONS,
+        }
+    }
+
+    /// [`Settings::adaptive`].
+    pub fn pixels(self) -> Option<f32> {
+        match self {
+            Subdivisions::Fixed(_) => None,
+            Subdivisions::Auto { pixels } => Some(pixels),
+        }
+    }
+}
+
+/// A number, or text as it is read.
+impl serde::Serialize for Subdivisions {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Subdivisions::Fixed(n) => serializer.serialize_u32(*n),
+            Subdivisions::Auto { .. } => serializer.collect_str(self),
+        }
+    }
+}
+
+/// Reads a number, `auto` (a pixel) or `auto:PIXELS`.
+impl FromStr for Subdivisions {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Subdivisions, String> {
+        let pixels = match text {
+            "auto" => Some("1"),
+            _ => text.strip_prefix("auto:"),
+        };
+        let read = match pixels {
+            Some(pixels) => {
+                let pixels = pixels.parse().ok().filter(|pixels| (0.1..=64.0).contains(pixels));
+                pixels.map(|pixels| Subdivisions::Auto { pixels })
+            }
+            None => {
+                let n = text.parse().ok().filter(|n| (1..=MAX_SUBDIVISIONS).contains(n));
+                n.map(Subdivisions::Fixed)
+            }
+        };
+        read.ok_or_else(|| {
+            format!(
+                "{text} is no N; write a whole number from 1 to {MAX_SUBDIVISIONS} such as 16, auto, or auto:PIXELS with 0.1 to 64 pixels"
+            )
+        })
+    }
+}
+
+impl fmt::Display for Subdivisions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Subdivisions::Fixed(n) => write!(f, "{n}"),
+            Subdivisions::Auto { pixels } => write!(f, "auto:{pixels}"),
         }
     }
 }
@@ -270,6 +347,12 @@ pub struct Settings {
     ///
     /// [`Scene::reliefs`]: crate::render::Scene::reliefs
     pub displacement: DisplacementKind,
+    /// Where N of each triangle follows its distance to the camera: how many pixels the parts of its sides may be long where
+    /// they are not displaced. N is the least power of two that does it, up to [`Scene::subdivisions`], itself one. `None`:
+    /// that is N everywhere. See [`detail`](crate::framing::detail).
+    ///
+    /// [`Scene::subdivisions`]: crate::render::Scene::subdivisions
+    pub adaptive: Option<f32>,
     /// Along which direction heights are measured.
     pub normals: Normals,
     /// Whether neighbours that disagree at an edge or a vertex meet without a crack.
@@ -313,6 +396,7 @@ impl Default for Settings {
             height: 720,
             method: Method::Quadtree,
             displacement: DisplacementKind::Height,
+            adaptive: None,
             normals: Normals::Normalized,
             weld: Weld::On,
             shade: Shade::Lit,

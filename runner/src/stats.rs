@@ -2,7 +2,7 @@
 
 use crate::backend::{BuildReport, DeviceInfo};
 use crate::render::{Job, Rendering, Scene};
-use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Weld, Wrap};
+use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use serde::Serialize;
 use std::io;
@@ -16,6 +16,10 @@ pub struct Stats {
     pub triangles: u64,
     /// Micro-triangles of the surface: N² for each base triangle. None of them is stored.
     pub micro_triangles: u64,
+    /// The least N of a triangle.
+    pub n_least: u32,
+    /// The greatest N of a triangle.
+    pub n_greatest: u32,
     /// Time from the height maps' pyramids over the boxes of the displaced triangles to the BVH over them.
     pub bvh_build_ms: f64,
     /// Time for all samples, without loading and without storing the picture.
@@ -97,9 +101,9 @@ pub struct Work {
 /// The settings that decide how much work there is.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SettingsUsed {
-    /// Parts of each triangle's side.
+    /// Parts of each triangle's side, or how they were chosen.
     #[serde(rename = "N")]
-    pub subdivisions: u32,
+    pub subdivisions: Subdivisions,
     /// The texel value of no displacement; null where materials differ.
     pub zero: Option<f32>,
     /// Height of a texel step from 0 to 1, in model units; null where materials differ.
@@ -138,7 +142,10 @@ impl SettingsUsed {
         let wraps = scene.reliefs.iter().map(|relief| relief.wrap);
         let wraps = wraps.chain(scene.materials.iter().map(|material| material.wrap));
         SettingsUsed {
-            subdivisions: scene.subdivisions,
+            subdivisions: match settings.adaptive {
+                Some(pixels) => Subdivisions::Auto { pixels },
+                None => Subdivisions::Fixed(scene.subdivisions),
+            },
             zero: agreed(scene.reliefs.iter().map(|relief| relief.zero)),
             scale: agreed(scene.reliefs.iter().map(|relief| relief.scale)),
             width: settings.width,
@@ -170,10 +177,13 @@ impl Stats {
         let work = Work::new(rendering);
         let rays = work.primary_rays + work.shadow_rays;
         let triangles = job.buffers.triangles.len() as u64;
+        let cuts = job.cuts();
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         Stats {
             triangles,
-            micro_triangles: triangles * u64::from(settings.subdivisions).pow(2),
+            micro_triangles: cuts.micro_triangles,
+            n_least: cuts.least,
+            n_greatest: cuts.greatest,
             bvh_build_ms: milliseconds(build.duration),
             frame_ms: milliseconds(rendering.elapsed),
             device_ms: rendering.device_ms,

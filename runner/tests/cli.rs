@@ -179,13 +179,27 @@ fn exr_holds_what_png_encodes() {
 }
 
 #[test]
+fn adaptive_n_says_what_it_was() {
+    let place = Place::new();
+    let options = ["--size=16x12", "--samples=1", "--backend=cpu", "--output=a.png", "--stats=stats.json"];
+    let run = place.run(&[&["render", "builtin:cube", "-", "-", "-", "-", "auto:8"], &options[..]].concat());
+    run.succeeded();
+    let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
+    assert_eq!(stats["settings"]["N"], "auto:8");
+    let [least, greatest, count] =
+        ["n_least", "n_greatest", "micro_triangles"].map(|name| stats[name].as_u64().expect(name));
+    assert!(least >= 1 && greatest < 64 && greatest.is_power_of_two(), "{least} {greatest}");
+    assert!((12 * least.pow(2)..=12 * greatest.pow(2)).contains(&count), "{count}");
+}
+
+#[test]
 fn statistics_have_every_number() {
     let place = Place::new();
     place.run(&[&QUICK[..], &["--stats=stats.json"]].concat()).succeeded();
     let stats: Value = serde_json::from_slice(&place.read("stats.json")).expect("JSON");
     let number = |pointer: &str| stats.pointer(pointer).and_then(Value::as_f64).expect(pointer);
     assert_eq!(number("/triangles"), 12.0);
-    assert_eq!(number("/micro_triangles"), 192.0);
+    assert_eq!((number("/micro_triangles"), number("/n_least"), number("/n_greatest")), (192.0, 4.0, 4.0));
     assert_eq!(number("/work/primary_rays"), 16.0 * 12.0 * 2.0);
     assert_eq!(number("/rays"), number("/work/primary_rays") + number("/work/shadow_rays"));
     assert_eq!(number("/pixels_hit"), number("/work/hits") / 2.0);
@@ -525,7 +539,7 @@ fn models_stand_where_their_transforms_put_them() {
 
 #[test]
 fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
-    let cases: [(&str, &str); 31] = [
+    let cases: [(&str, &str); 33] = [
         ("", "1: the scene has no model; add one"),
         ("[render]\nwidth = 5\n", "3: the scene has no model"),
         ("[render]\nwidht = 5\n", "2: unknown field `widht`, expected one of `width`, `height`"),
@@ -541,6 +555,8 @@ fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
             "choose a smaller size",
         ),
         ("[render]\nn = 4097\n", "2: 4097 is no N; write a whole number from 1 to 4096"),
+        ("[render]\nn = \"auto:100\"\n", "2: auto:100 is no N; write a whole number from 1 to 4096"),
+        ("[render]\nn = 2.5\n", "2: a whole number from 1 to 4096, \"auto\""),
         ("[render]\nsamples = -1\n", "2: -1 is no number of samples"),
         (
             "[render]\nmethod = \"magic\"\n",
@@ -715,7 +731,7 @@ fn a_vector_map_of_one_channel_is_refused() {
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 24] = [
+    let cases: [(&[&str], &str); 26] = [
         (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -738,6 +754,8 @@ fn impossible_options_are_usage_errors() {
         (&["--displacement=object"], "the relief of builtin:knot is a height map"),
         (&["builtin:mushroom", "--invert"], "choose the signs with --channels"),
         (&["builtin:mushroom", "--method=grid-walk"], "use --method quadtree"),
+        (&["-", "-", "-", "-", "-", "auto:0"], "auto:PIXELS with 0.1 to 64 pixels"),
+        (&["-", "-", "-", "-", "-", "auto", "--method=grid-walk"], "use --method quadtree"),
         (&["--depth=16", "--output=a.exr"], "leave --depth out"),
         (&["--output=a.jpg"], ".png or .exr"),
     ];

@@ -11,6 +11,7 @@ mod numbers;
 pub mod oracle;
 mod rays;
 pub mod scenes;
+pub mod views;
 
 pub use lavapipe::{finish, lavapipe};
 pub use numbers::Numbers;

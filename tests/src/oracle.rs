@@ -22,6 +22,7 @@
 //!   two triangles lie on the same side of it) at more than e, is not let through by f32 either: moving vertices by
 //!   e moves no outline across the ray. Which of the triangles around an edge or vertex is hit may differ.
 
+mod cutting;
 mod limit;
 mod line;
 mod relief;

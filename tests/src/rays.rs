@@ -56,8 +56,8 @@ impl<'a> RaySource<'a> {
 
     /// Down or up along the interpolated normal at a grid point: through a micro-vertex, or nearly so.
     pub fn along_normal(&mut self) -> Ray {
-        let n = self.job.frame.subdivisions;
         let primitive = self.numbers.below(self.job.frame.triangle_count);
+        let n = self.n_of(primitive);
         let j = self.numbers.below(n + 1);
         let k = self.numbers.below(n + 1 - j);
         let w = Vec3::new((n - j - k) as f32, j as f32, k as f32) / n as f32;
@@ -120,7 +120,7 @@ impl<'a> RaySource<'a> {
 
     /// The point of the surface over barycentric coordinates `w`.
     fn on_surface(&self, primitive: u32, w: Vec3) -> Vec3 {
-        let n = self.job.frame.subdivisions;
+        let n = self.n_of(primitive);
         let scaled = w * n as f32;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and N - 1")]
         let (j, k) = {
@@ -141,8 +141,14 @@ impl<'a> RaySource<'a> {
 
     fn micro_vertex(&self, primitive: u32, j: u32, k: u32) -> Vec3 {
         let view = self.job.view();
-        let field = HeightField::new(&view, self.job.features);
+        let field = HeightField::new(&view, self.job.features).of_triangle(&view, primitive);
         BaseTriangle::load(&view, primitive).micro_vertex(&field, j, k)
+    }
+
+    /// N of a triangle.
+    fn n_of(&self, primitive: u32) -> u32 {
+        let view = self.job.view();
+        HeightField::new(&view, self.job.features).of_triangle(&view, primitive).subdivisions
     }
 
     /// Point and unit normal of the base mesh.
@@ -204,8 +210,7 @@ impl<'a> LeakRays<'a> {
         let origin = self.inside[numbers.below(index(self.inside.len() as u64)) as usize];
         let edges = 3 * self.view.triangles.len() as u64;
         let edge = index(i / 8 % edges);
-        let n = self.view.frame.subdivisions;
-        let m = numbers.below(n);
+        let m = numbers.below(self.field(edge / 3).subdivisions);
         let along = f64::from(numbers.unit());
         let direction = match i % 8 {
             0 => numbers.direction().as_dvec3(),
@@ -225,6 +230,11 @@ impl<'a> LeakRays<'a> {
         ray(origin, direction.as_vec3())
     }
 
+    /// The heights over a triangle, as it is cut.
+    fn field(&self, primitive: u32) -> HeightField<'a> {
+        self.field.of_triangle(&self.view, primitive)
+    }
+
     /// The point of an edge of the base mesh that is a share `s` away from its start.
     fn base_point(&self, edge: u32, s: f64) -> DVec3 {
         let base = BaseTriangle::load(&self.view, edge / 3);
@@ -234,11 +244,12 @@ impl<'a> LeakRays<'a> {
 
     /// Micro-vertex number `m`, 0 to N, on an edge.
     fn border_vertex(&self, edge: u32, m: u32) -> BorderVertex {
-        let n = self.view.frame.subdivisions;
+        let field = self.field(edge / 3);
+        let n = field.subdivisions;
         let base = BaseTriangle::load(&self.view, edge / 3);
         let (j, k) = [(n - m, m), (0, n - m), (m, 0)][edge as usize % 3];
-        let position = base.micro_vertex(&self.field, j, k);
-        let w = [n - j - k, j, k].map(|part| f64::from(part) / f64::from(n));
+        let position = base.micro_vertex(&field, j, k);
+        let w = field.weights(j, k).to_array().map(f64::from);
         let mixed = |v: [Vec3; 3]| (0..3).map(|e| v[e].as_dvec3() * w[e]).sum::<DVec3>();
         let mut directions = [base.n0, base.n1, base.n2];
         if base.seams != NO_SEAMS {
@@ -385,11 +396,12 @@ impl<'a> HardRays<'a> {
 
     /// The corners of a micro-triangle, in any order.
     fn micro_triangle(&mut self, base: &BaseTriangle) -> [Vec3; 3] {
-        let n = self.field.subdivisions;
+        let field = self.field.of_triangle(&self.view, base.primitive);
+        let n = field.subdivisions;
         let j = self.numbers.below(n);
         let k = self.numbers.below(n - j);
         let upper = j + k + 2 <= n && self.numbers.unit() < 0.5;
-        let corners = base.micro_triangle(&self.field, Cell { j, k, upper });
+        let corners = base.micro_triangle(&field, Cell { j, k, upper });
         let first = self.numbers.below(3) as usize;
         [0, 1, 2].map(|e| corners[(first + e) % 3])
     }

@@ -123,7 +123,7 @@ shared! {
     }
     Frame {
         camera, width, height, seed, light_count, background, background_alpha, ambient, triangle_count, steps_scale,
-        subdivisions, height_min, height_max, padding
+        subdivisions, height_min, height_max, detail, padding
     }
     Tile { x, y, width, height, sample }
     Batch { first, count, kernel }

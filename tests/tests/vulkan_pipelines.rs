@@ -28,6 +28,7 @@ const ALL: Features = Features {
     smooth: 1,
     displacement: displacement_kind::HEIGHT,
     filter: filter::TRILINEAR,
+    adaptive: 0,
 };
 
 /// What is left of an entry point.

@@ -129,6 +129,7 @@ fn intersect_primitive(
     nearest: Hit,
     counts: &mut Counts,
 ) -> Hit {
+    let field = &field.of_triangle(scene, primitive);
     if features.method == method::QUADTREE {
         return quadtree::intersect(scene, field, primitive, ray, nearest, query == Query::Any, counts);
     }

@@ -458,8 +458,10 @@ mod tests {
         for _ in 0..count {
             let n = 1 + (numbers.unit() * numbers.unit() * 24.0) as u32;
             let prism = Prism::random(&mut numbers, n, spread, 0.3);
+            let view = prism.view();
+            let field = HeightField::new(&view, FEATURES);
             for _ in 0..20 {
-                let ray = random_ray(&prism, &mut numbers, adversarial);
+                let ray = random_ray(&prism, &field, &mut numbers, adversarial);
                 let (walked, exact, _) = both(&prism, &ray);
                 hits += u32::from(exact.is_some());
                 misses += u32::from(walked != exact);

@@ -7,6 +7,7 @@ pub mod height_pyramid;
 pub mod quadtree;
 pub mod seams;
 pub mod shading_normal;
+pub mod subdivisions;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_prism;

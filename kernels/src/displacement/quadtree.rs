@@ -17,7 +17,9 @@
 //! rounding can move a micro-vertex or a point by, misses the axis: y parts the node's column from the ray as the
 //! grid walk does, x parts its heights from it, and z orders nodes and ends rays.
 //!
-//! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them.
+//! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them. On an
+//! edge of fewer parts than the triangle ([`Subdivisions`](super::subdivisions::Subdivisions)) they move along it; nodes there
+//! include the stretch of the edge that theirs can reach.
 //!
 //! Vectors have a range for each axis, and so a bound of their own: `vector_bounds.rs`.
 //!
@@ -29,7 +31,8 @@
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
-use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::displacement::subdivisions::snap;
+use crate::displacement::surface::{BaseTriangle, HeightField, component};
 use crate::displacement::vector_bounds;
 use crate::hit::Hit;
 use crate::interface::{Displacement, normals};
@@ -253,16 +256,57 @@ impl Node {
         (last >= n) as u32 | ((self.j == 0) as u32) << 1 | ((self.k == 0) as u32) << 2
     }
 
-    /// Where on edge e of the base triangle, in cells from the edge's first corner on: its grid points there are among these.
+    /// Which of these have fewer parts than the triangle.
     #[inline]
-    pub(super) fn stretch_of_edge(self, e: u32, n: u32) -> (u32, u32) {
-        let side = self.side_within(n);
-        if e == 0 {
-            (n - (self.j + side).min(n), n - self.j)
-        } else if e == 1 {
-            (n - (self.k + side).min(n), n - self.k)
+    fn coarse_edges(self, field: &HeightField<'_>) -> u32 {
+        if field.is_adaptive() {
+            self.edges_touched(field.subdivisions) & field.cutting().coarse_edges()
         } else {
-            (self.j, (self.j + side).min(n))
+            0
+        }
+    }
+
+    /// Where on edge e of the base triangle, in cells from the edge's first corner on: what its grid points there are
+    /// [displaced over](HeightField::weights) is among these.
+    #[inline]
+    pub(super) fn stretch_of_edge(self, e: u32, field: &HeightField<'_>) -> (u32, u32) {
+        let n = field.subdivisions;
+        let side = self.side_within(n);
+        let step = component(field.cutting().steps, e);
+        if e == 0 {
+            (snap(n - (self.j + side).min(n), step), snap(n - self.j, step))
+        } else if e == 1 {
+            // Its first corner is its end as it is stored.
+            (n - snap((self.k + side).min(n), step), n - snap(self.k, step))
+        } else {
+            (snap(self.j, step), snap((self.j + side).min(n), step))
+        }
+    }
+
+    /// The grid points at the ends of that [stretch](Self::stretch_of_edge).
+    #[inline]
+    pub(super) fn stretch_ends(self, e: u32, field: &HeightField<'_>) -> [(u32, u32); 2] {
+        let (start, end) = self.stretch_of_edge(e, field);
+        [point_on_edge(e, start, field.subdivisions), point_on_edge(e, end, field.subdivisions)]
+    }
+
+    /// Which corners of the base triangle some of its grid points are displaced over: bit e is for corner e. `touched`: its
+    /// [`edges_touched`](Self::edges_touched).
+    #[inline]
+    pub(super) fn corners_reached(self, touched: u32, field: &HeightField<'_>) -> u32 {
+        if field.is_adaptive() {
+            let mut reached = 0;
+            let mut e = 0;
+            while e < 3 {
+                let (start, end) = self.stretch_of_edge(e, field);
+                let (at_start, at_end) = ((start == 0) as u32, (end == field.subdivisions) as u32);
+                let ends = at_start << ((e + 1) % 3) | at_end << ((e + 2) % 3);
+                reached |= if touched >> e & 1 != 0 { ends } else { 0 };
+                e += 1;
+            }
+            reached
+        } else {
+            (touched | 1 == 7) as u32 | ((touched | 2 == 7) as u32) << 1 | ((touched | 4 == 7) as u32) << 2
         }
     }
 
@@ -278,6 +322,18 @@ impl Node {
         let side = self.side_within(n);
         let (to_j, to_k) = ((e == 1) != self.inverted, (e == 2) != self.inverted);
         (self.j + if to_j { side } else { 0 }, self.k + if to_k { side } else { 0 })
+    }
+}
+
+/// The grid point on edge `e` that is so many cells away from the edge's first corner, the one after corner e.
+#[inline]
+fn point_on_edge(e: u32, cells: u32, n: u32) -> (u32, u32) {
+    if e == 0 {
+        (n - cells, cells)
+    } else if e == 1 {
+        (0, n - cells)
+    } else {
+        (cells, 0)
     }
 }
 
@@ -492,7 +548,7 @@ impl Prism {
             texel_error: texel_error(&map, greatest_uv),
             map,
             margin,
-            eye: frame.point(field.eye),
+            eye: frame.point(field.viewpoint.eye),
             least_texel: if field.is_filtered() { field.least_texel(base.vertices) } else { 0.0 },
         }
     }
@@ -510,13 +566,23 @@ impl Prism {
         let m = self.margin;
         let n = field.subdivisions;
         let has_seams = self.has_seams && node.is_at_border(n);
+        let coarse = node.coarse_edges(field);
         // Most nodes that the ray does not reach it passes beside their columns, whatever the heights.
         if self.has_caps && !has_seams {
             let (j0, k0) = node.corner(0, n);
             let (j1, k1) = node.corner(1, n);
             let (j2, k2) = node.corner(2, n);
             let (a, b, c) = (self.caps.at(j0, k0), self.caps.at(j1, k1), self.caps.at(j2, k2));
-            let (least, greatest) = (a.min(b).min(c), a.max(b).max(c));
+            let (mut least, mut greatest) = (a.min(b).min(c), a.max(b).max(c));
+            let mut e = 0;
+            while coarse >> e != 0 {
+                if coarse >> e & 1 != 0 {
+                    let [a, b] = node.stretch_ends(e, field);
+                    let (a, b) = (self.caps.at(a.0, a.1), self.caps.at(b.0, b.1));
+                    (least, greatest) = (least.min(a).min(b), greatest.max(a).max(b));
+                }
+                e += 1;
+            }
             if least.x.min(least.z) > m
                 || least.y.min(least.w) > m
                 || greatest.x.max(greatest.z) < -m
@@ -525,7 +591,7 @@ impl Prism {
                 return false;
             }
         }
-        let bounds = self.bounds(scene, field, node, has_seams);
+        let bounds = self.bounds(scene, field, node, has_seams, coarse);
         let far = ray.t_max.min(nearest.t) - self.t_origin;
         // Negated so that NaN, of bounds too large for floats, reaches.
         !(bounds.min.x > m
@@ -536,17 +602,52 @@ impl Prism {
             || bounds.max.z + m < -self.t_origin)
     }
 
-    /// The box in the frame of every micro-vertex over a node, without the margin.
+    /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
+    /// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches.
     #[inline]
-    fn bounds(&self, scene: &SceneView<'_>, field: &HeightField<'_>, node: &Node, has_seams: bool) -> Bounds {
+    fn bounds(
+        &self,
+        scene: &SceneView<'_>,
+        field: &HeightField<'_>,
+        node: &Node,
+        has_seams: bool,
+        coarse: u32,
+    ) -> Bounds {
         let n = field.subdivisions;
         if field.is_vector() {
             let base = BaseTriangle::load(scene, self.primitive);
-            return vector_bounds::of_node(field, &base, &self.frame, node, has_seams, self.margin);
+            return vector_bounds::of_node(field, &base, &self.frame, node, has_seams, coarse, self.margin);
         }
-        let (j0, k0) = node.corner(0, n);
-        let (j1, k1) = node.corner(1, n);
-        let (j2, k2) = node.corner(2, n);
+        let mut bounds = Bounds::EMPTY;
+        // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once.
+        let mut part = 0;
+        loop {
+            let e = part - (part > 0) as u32;
+            let [a, b] = node.stretch_ends(e, field);
+            let corners =
+                if part == 0 { [node.corner(0, n), node.corner(1, n), node.corner(2, n)] } else { [a, b, b] };
+            if part == 0 || coarse >> e & 1 != 0 {
+                let hull = self.hull(field, corners);
+                bounds = bounds.including(hull.min).including(hull.max);
+            }
+            part += 1;
+            if coarse >> (part - 1) == 0 {
+                break;
+            }
+        }
+        if has_seams {
+            let base = BaseTriangle::load(scene, self.primitive);
+            self.including_seams(field, &base, node, bounds)
+        } else {
+            bounds
+        }
+    }
+
+    /// The box of every micro-vertex over the triangle of three grid points, or between two, that is displaced by its own
+    /// height along its own normal.
+    #[inline]
+    fn hull(&self, field: &HeightField<'_>, corners: [(u32, u32); 3]) -> Bounds {
+        let [(j0, k0), (j1, k1), (j2, k2)] = corners;
         let (t0, t1, t2) = (self.texel.at(j0, k0), self.texel.at(j1, k1), self.texel.at(j2, k2));
         let low = t0.min(t1).min(t2) - self.texel_error;
         let high = t0.max(t1).max(t2) + self.texel_error;
@@ -567,7 +668,7 @@ impl Prism {
         } else {
             Lifts::new(least, greatest, n0, n1, n2)
         };
-        let bounds = if lifts.bounded {
+        if lifts.bounded {
             Bounds::EMPTY
                 .including(p0 + n0 * lifts.min)
                 .including(p0 + n0 * lifts.max)
@@ -579,12 +680,6 @@ impl Prism {
             // Directions are unit vectors, wherever they point.
             let reach = least.abs().max(greatest.abs());
             Bounds::EMPTY.including(p0).including(p1).including(p2).grown(reach)
-        };
-        if has_seams {
-            let base = BaseTriangle::load(scene, self.primitive);
-            self.including_seams(field, &base, node, bounds)
-        } else {
-            bounds
         }
     }
 
@@ -599,11 +694,11 @@ impl Prism {
         let n = field.subdivisions;
         let seams = base.seams(field);
         let touched = node.edges_touched(n);
+        let corners = node.corners_reached(touched, field);
         let mut bounds = bounds;
         let mut e = 0;
         while e < 3 {
-            let corner_touched = touched | 1 << e == 7;
-            if corner_touched && seams.flags >> e & 1 != 0 {
+            if corners >> e & 1 != 0 && seams.flags >> e & 1 != 0 {
                 let (low, high) = seams.corner_range(field, e);
                 let (p, direction) = (base.position(e), seams.direction(e));
                 bounds = bounds
@@ -611,7 +706,7 @@ impl Prism {
                     .including(self.frame.point(p + direction * high));
             }
             if touched >> e & 1 != 0 && seams.flags >> (3 + e) & 1 != 0 {
-                let (start, end) = node.stretch_of_edge(e, n);
+                let (start, end) = node.stretch_of_edge(e, field);
                 let (a, b) = ((e + 1) % 3, (e + 2) % 3);
                 let along = base.position(b) - base.position(a);
                 let turn = seams.direction(b) - seams.direction(a);
@@ -719,6 +814,7 @@ impl Bounds {
 mod tests {
     use super::*;
     use crate::displacement::brute_force;
+    use crate::displacement::subdivisions::Subdivisions;
     use crate::displacement::test_prism::{FEATURES, Prism, random_ray};
     use crate::interface::{displacement_kind, filter};
     use crate::math::tests::Numbers;
@@ -736,13 +832,14 @@ mod tests {
         let mut numbers = Numbers::new(seed);
         let (mut hits, mut total) = (0, Counts::default());
         for round in 0..count as usize {
-            let n = 1 + (numbers.unit() * numbers.unit() * 24.0) as u32;
             let mode = modes[round % modes.len()];
+            let cut = random_cut(&mut numbers, mode, 24);
+            let n = cut.triangle;
             let prism = random_prism(&mut numbers, mode, n, spread, relief);
             let view = prism.view();
-            let field = HeightField::new(&view, mode);
+            let field = HeightField::new(&view, mode).cut(cut);
             for _ in 0..20 {
-                let ray = random_ray(&prism, &mut numbers, true);
+                let ray = random_ray(&prism, &field, &mut numbers, true);
                 let found = intersect(&view, &field, 0, &ray, Hit::NONE, false, &mut total);
                 let exact =
                     brute_force::intersect(&field, &prism.base(), &ray, Hit::NONE, &mut Counts::default());
@@ -803,6 +900,27 @@ mod tests {
         assert_bounds_hold(&FILTERED_MODES, 7, f64::INFINITY);
     }
 
+    #[test]
+    fn leaning_normals_over_coarse_edges() {
+        compare_in(&ADAPTIVE_MODES, 14, 20_000, 0.3, 0.3, 14);
+    }
+
+    #[test]
+    fn vectors_over_coarse_edges() {
+        compare_in(&ADAPTIVE_VECTOR_MODES, 15, 5_000, 0.3, 0.3, 30);
+    }
+
+    /// How a triangle is cut: into 1 to `most` parts, where N is adaptive a power of two with any steps along its edges.
+    fn random_cut(numbers: &mut Numbers, mode: Features, most: u32) -> Subdivisions {
+        let share = numbers.unit();
+        if mode.adaptive == 0 {
+            return Subdivisions::uniform(1 + (share * numbers.unit() * most as f32) as u32);
+        }
+        let halvings = (share * (most.ilog2() + 1) as f32) as u32;
+        let steps = [(); 3].map(|()| 1 << (numbers.unit() * (halvings + 1) as f32) as u32);
+        Subdivisions { triangle: 1 << halvings, steps }
+    }
+
     /// Both directions of displacement.
     const MODES: [Features; 2] = [FEATURES, Features { normals: normals::LINEAR, ..FEATURES }];
 
@@ -818,6 +936,15 @@ mod tests {
         Features { displacement: displacement_kind::TANGENT, ..FEATURES },
         Features { displacement: displacement_kind::TANGENT, ..MODES[1] },
         Features { displacement: displacement_kind::OBJECT, ..FEATURES },
+    ];
+
+    const ADAPTIVE_MODES: [Features; 2] =
+        [Features { adaptive: 1, ..MODES[0] }, Features { adaptive: 1, ..MODES[1] }];
+
+    const ADAPTIVE_VECTOR_MODES: [Features; 3] = [
+        Features { adaptive: 1, ..VECTOR_MODES[0] },
+        Features { adaptive: 1, ..VECTOR_MODES[1] },
+        Features { adaptive: 1, ..VECTOR_MODES[2] },
     ];
 
     /// A prism for a mode.
@@ -878,6 +1005,12 @@ mod tests {
         assert_bounds_hold(&VECTOR_MODES, 6, 16.0);
     }
 
+    #[test]
+    fn bounds_hold_every_micro_vertex_that_is_moved_along_an_edge() {
+        assert_bounds_hold(&ADAPTIVE_MODES, 7, 10.0);
+        assert_bounds_hold(&ADAPTIVE_VECTOR_MODES, 8, 100.0);
+    }
+
     /// A million nodes in some modes by turns. `most_volume`: what their mean volume may be against that of the box of their
     /// micro-vertices.
     fn assert_bounds_hold(modes: &[Features], seed: u32, most_volume: f64) {
@@ -886,17 +1019,18 @@ mod tests {
         let (mut log_ratio, mut ratios) = (0.0, 0);
         for round in 0..20_000 {
             let spread = [0.0, 0.05, 0.3, 1.0, 3.0][round % 5];
-            let n = 1 + (numbers.unit() * numbers.unit() * 63.0) as u32;
             let mode = modes[round / 5 % modes.len()];
+            let cut = random_cut(&mut numbers, mode, 63);
+            let n = cut.triangle;
             let prism = random_prism(&mut numbers, mode, n, spread, 0.3);
             let view = prism.view();
-            let field = HeightField::new(&view, mode);
+            let field = HeightField::new(&view, mode).cut(cut);
             let base = prism.base();
-            let ray = random_ray(&prism, &mut numbers, true);
+            let ray = random_ray(&prism, &field, &mut numbers, true);
             let seen = super::Prism::new(&field, &base, &ray);
             for _ in 0..50 {
                 let node = random_node(&mut numbers, n);
-                let bounds = seen.bounds(&view, &field, &node, false);
+                let bounds = seen.bounds(&view, &field, &node, false, node.coarse_edges(&field));
                 let mut true_bounds = Bounds::EMPTY;
                 for position in micro_vertices(&field, &base, node) {
                     let p = seen.frame.point(position);

@@ -5,6 +5,7 @@ use crate::barycentric::{grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
 use crate::displacement::quadtree::{Node, RayFrame};
+use crate::displacement::subdivisions::{Subdivisions, Viewpoint, exact_weight};
 use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
@@ -39,17 +40,19 @@ pub struct HeightField<'a> {
     wrap: u32,
     /// Whether directions are unit vectors: see [`normals`].
     pub normals: u32,
-    /// N: parts of each side of a base triangle.
+    /// N: parts of each side of a base triangle. Where it is adaptive that of one, see [`of_triangle`](Self::of_triangle).
     pub subdivisions: u32,
+    /// [`Subdivisions::steps`] of that triangle; not read unless N is adaptive.
+    steps: [u32; 3],
+    /// What N follows where it is adaptive.
+    pub viewpoint: Viewpoint,
+    /// Whether N is adaptive.
+    is_adaptive: bool,
     /// Whether any triangle has seams.
     welded: bool,
     /// How maps are read: see [`filter`].
     filter: u32,
     texel_scales: &'a [TexelScale],
-    /// From where pixels are seen, where maps are filtered by their levels.
-    pub(super) eye: Vec3,
-    /// Side of a pixel at distance 1 from there.
-    pixel: f32,
     /// Least and greatest height of all maps.
     heights: (f32, f32),
 }
@@ -104,11 +107,12 @@ impl<'a> HeightField<'a> {
             wrap: features.height_wrap,
             normals: features.normals,
             subdivisions: scene.frame.subdivisions,
+            steps: [1, 1, 1],
+            viewpoint: Viewpoint::new(scene.frame),
+            is_adaptive: features.adaptive != 0,
             welded: features.seams != 0,
             filter: features.filter,
             texel_scales: scene.texel_scales,
-            eye: scene.frame.camera.eye,
-            pixel: scene.frame.pixel_side(),
             heights: (scene.frame.height_min, scene.frame.height_max),
         }
     }
@@ -143,8 +147,7 @@ impl<'a> HeightField<'a> {
     /// displaced towards it is as much nearer.
     #[inline]
     fn pixel_side(&self, distance: f32) -> f32 {
-        let reach = self.heights.0.abs().max(self.heights.1.abs());
-        self.pixel * (distance - reach).max(0.0)
+        self.viewpoint.pixel * (distance - self.viewpoint.reach).max(0.0)
     }
 
     /// The pixel over the point `p` of a base triangle or of its edge, with barycentric coordinates `w` and these vertices: from
@@ -156,7 +159,7 @@ impl<'a> HeightField<'a> {
         }
         let [a, b, c] = vertices;
         let texels = interpolate2(w, self.texel_scale(a), self.texel_scale(b), self.texel_scale(c));
-        let to_eye = p - self.eye;
+        let to_eye = p - self.viewpoint.eye;
         let distance = sqrt(dot(to_eye, to_eye));
         Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span: texels.y } }
     }
@@ -169,6 +172,62 @@ impl<'a> HeightField<'a> {
         let side = self.pixel_side(distance * (1.0 + 1e-5)) * (1.0 + 1e-5);
         // Negated so that NaN counts.
         if !(side <= finest(map, texel)) { MOST_ERROR * side } else { 0.0 }
+    }
+
+    /// The height field as base triangle `primitive` is cut. Where N is adaptive everything that concerns micro-triangles takes
+    /// this one.
+    #[inline]
+    pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32) -> Self {
+        // Not a choice between two height fields: what is copied as a whole is not known field by field, constants among it.
+        let mut cut = Subdivisions::uniform(self.subdivisions);
+        if self.is_adaptive {
+            let [a, b, c] = at(scene.triangles, primitive).vertices;
+            let position = |i: u32| at(scene.vertices, i).position;
+            cut = self.viewpoint.subdivisions(position(a), position(b), position(c));
+        }
+        self.cut(cut)
+    }
+
+    /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same everywhere.
+    #[inline]
+    pub fn cut(self, cut: Subdivisions) -> Self {
+        HeightField { subdivisions: cut.triangle, steps: cut.steps, ..self }
+    }
+
+    /// How the base triangle is cut.
+    #[inline]
+    pub fn cutting(&self) -> Subdivisions {
+        Subdivisions {
+            triangle: self.subdivisions,
+            steps: if self.is_adaptive { self.steps } else { [1, 1, 1] },
+        }
+    }
+
+    /// Barycentric coordinates of the point over which grid point (j, k) is displaced: its own, but for those on edges of fewer
+    /// parts than the triangle ([`Subdivisions::snapped`]).
+    #[inline]
+    pub fn weights(&self, j: u32, k: u32) -> Vec3 {
+        let n = self.subdivisions;
+        if self.is_adaptive {
+            let (j, k) = self.cutting().snapped(j, k);
+            Vec3::new(exact_weight(n - j - k, n), exact_weight(j, n), exact_weight(k, n))
+        } else {
+            grid_point(j, k, n)
+        }
+    }
+
+    /// The root of how many times the base triangle is as large as a cell in barycentric coordinates: N, but for cells at edges
+    /// of fewer parts. Infinite where such a cell has no area.
+    #[inline]
+    pub fn parts(&self, cell: Cell) -> f32 {
+        let n = self.subdivisions as f32;
+        if self.is_adaptive { n / sqrt(self.cutting().cells(cell) as f32) } else { n }
+    }
+
+    /// Whether N is that of each triangle.
+    #[inline]
+    pub fn is_adaptive(&self) -> bool {
+        self.is_adaptive
     }
 
     /// Whether displacement is by vectors.
@@ -403,7 +462,7 @@ impl BaseTriangle {
     #[inline]
     pub fn micro_vertex(&self, field: &HeightField<'_>, j: u32, k: u32) -> Vec3 {
         let n = field.subdivisions;
-        let w = grid_point(j, k, n);
+        let w = field.weights(j, k);
         let p = interpolate(w, self.p0, self.p1, self.p2);
         let on_seam = self.has_seams(field) && (j == 0 || k == 0 || j + k == n);
         // No early return: spirv-opt keeps what follows one, though a constant decides.
@@ -615,7 +674,7 @@ impl BaseTriangle {
         }
         let frame = RayFrame::along_axes(self.p0);
         let node = Node::root(field.subdivisions);
-        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field), 0.0);
+        let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field), 0, 0.0);
         // As in the quadtree, but for the frame's axes, which are exact, and its origin, which is added again.
         let size = max_abs(self.p1 - self.p0).max(max_abs(self.p2 - self.p0)) + reach;
         let of_bound =

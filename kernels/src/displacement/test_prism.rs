@@ -195,18 +195,21 @@ impl TestScene {
 
 /// Random rays: from outside, from inside the prism, grazing; with `adversarial` a fifth of them aimed at micro-vertices and
 /// micro-edges, and a fifth along the normal, half of these exactly.
-pub(crate) fn random_ray(prism: &Prism, numbers: &mut Numbers, adversarial: bool) -> TraversalRay {
+pub(crate) fn random_ray(
+    prism: &Prism,
+    field: &HeightField<'_>,
+    numbers: &mut Numbers,
+    adversarial: bool,
+) -> TraversalRay {
     let mut target = prism.target(numbers);
     let base = prism.base();
     if adversarial && numbers.unit() < 0.2 {
         // A micro-vertex, or the middle of a micro-edge: several micro-triangles are met at once.
-        let n = prism.scene.frame.subdivisions;
+        let n = field.subdivisions;
         let j = (numbers.unit() * n as f32) as u32;
         let k = (numbers.unit() * (n - j) as f32) as u32;
-        let view = prism.view();
-        let field = HeightField::new(&view, prism.features());
-        let a = base.micro_vertex(&field, j, k);
-        let b = base.micro_vertex(&field, j, k + 1);
+        let a = base.micro_vertex(field, j, k);
+        let b = base.micro_vertex(field, j, k + 1);
         target = if numbers.unit() < 0.5 { a } else { (a + b) * 0.5 };
     }
     let kind = numbers.unit() * if adversarial { 1.0 } else { 0.8 };

@@ -7,7 +7,8 @@
 //! add to it. Where an axis may vanish its unit vector may point anywhere. The frame is that of the ray.
 //!
 //! On seams it is the mean of such sums over the sides, each with its own axes and ranges, over the seam's stretch in the node:
-//! the boxes at its two ends are the means of the sides' boxes.
+//! the boxes at its two ends are the means of the sides' boxes. Where an edge that is none has fewer parts than the triangle,
+//! the stretch that micro-vertices of the node are moved to is bounded as the node itself.
 
 use crate::barycentric::{interpolate, interpolate2};
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
@@ -30,20 +31,28 @@ pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
 pub(super) const ROUNDINGS_OF_COORDINATE: f32 = 32.0;
 
 /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
-/// of which some is decided with neighbours. `margin`: what distances to the eye are off by, where maps are filtered by
-/// their levels.
+/// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches. `margin`:
+/// what distances to the eye are off by, where maps are filtered by their levels.
 pub(super) fn of_node(
     field: &HeightField<'_>,
     base: &BaseTriangle,
     frame: &RayFrame,
     node: &Node,
     has_seams: bool,
+    coarse: u32,
     margin: f32,
 ) -> Bounds {
     let n = field.subdivisions;
     let touched = node.edges_touched(n);
-    // The node itself, then what of the triangle's corners and edges is in it.
-    let part_count = if has_seams { 7 } else { 1 };
+    let corners = if has_seams { node.corners_reached(touched, field) } else { 0 };
+    // The node itself, then what of the triangle's edges and corners is in it.
+    let part_count = if has_seams {
+        7
+    } else if coarse != 0 {
+        4
+    } else {
+        1
+    };
     let mut bounds = Bounds::EMPTY;
     // A loop, so that the code of a part stands in a kernel once.
     let mut part = 0;
@@ -52,9 +61,9 @@ pub(super) fn of_node(
             let corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
             Piece { corners, edge: NO_EDGE, sides: Sides::NONE, is_there: true }
         } else if part <= 3 {
-            Piece::at_corner(field, base, touched, part - 1)
+            Piece::at_edge(field, base, node, touched, coarse, part - 1)
         } else {
-            Piece::at_edge(field, base, touched, node, part - 4)
+            Piece::at_corner(field, base, corners, part - 4)
         };
         if piece.is_there {
             let own = piece.bounds(field, base, frame, margin);
@@ -81,25 +90,34 @@ struct Piece {
 }
 
 impl Piece {
-    /// The triangle's corner `e`, where it is among a node's grid points and decided with neighbours. `touched`: the node's
-    /// [`edges_touched`](Node::edges_touched).
+    /// The triangle's corner `e`, where it is decided with neighbours and one of the `corners` that a node
+    /// [reaches](Node::corners_reached).
     #[inline]
-    fn at_corner(field: &HeightField<'_>, base: &BaseTriangle, touched: u32, e: u32) -> Piece {
+    fn at_corner(field: &HeightField<'_>, base: &BaseTriangle, corners: u32, e: u32) -> Piece {
         let n = field.subdivisions;
         let sides = Sides::of_corner(&base.seams(field), e);
         let point = (if e == 1 { n } else { 0 }, if e == 2 { n } else { 0 });
-        let is_there = touched | 1 << e == 7 && sides.count > 0;
+        let is_there = corners >> e & 1 != 0 && sides.count > 0;
         Piece { corners: [point, point, point], edge: NO_EDGE, sides, is_there }
     }
 
-    /// The part of the triangle's edge `e` within a node, where it is a seam.
+    /// The part of the triangle's edge `e` within a node, where it is a seam, or has fewer parts than the triangle.
+    /// `touched`: the node's [`edges_touched`](Node::edges_touched), `coarse`: those of fewer parts.
     #[inline]
-    fn at_edge(field: &HeightField<'_>, base: &BaseTriangle, touched: u32, node: &Node, e: u32) -> Piece {
-        let n = field.subdivisions;
-        let sides = Sides::of_edge(&base.seams(field), e);
-        let (start, end) = node.stretch_of_edge(e, n);
-        let (a, b) = (point_on_edge(e, start, n), point_on_edge(e, end, n));
-        let is_there = touched >> e & 1 != 0 && sides.count > 0;
+    fn at_edge(
+        field: &HeightField<'_>,
+        base: &BaseTriangle,
+        node: &Node,
+        touched: u32,
+        coarse: u32,
+        e: u32,
+    ) -> Piece {
+        let mut sides = Sides::NONE;
+        if base.has_seams(field) {
+            sides = Sides::of_edge(&base.seams(field), e);
+        }
+        let [a, b] = node.stretch_ends(e, field);
+        let is_there = touched >> e & 1 != 0 && sides.count > 0 || coarse >> e & 1 != 0;
         Piece { corners: [a, b, b], edge: e, sides, is_there }
     }
 
@@ -115,7 +133,7 @@ impl Piece {
         };
         let (mut box0, mut box1, mut box2) = (position(w0), position(w1), position(w2));
         let distance = if field.is_filtered() {
-            farthest(frame.point(field.eye), box0.min, box1.min, box2.min) + margin
+            farthest(frame.point(field.viewpoint.eye), box0.min, box1.min, box2.min) + margin
         } else {
             0.0
         };
@@ -193,16 +211,4 @@ impl Bounds {
 fn weights((j, k): (u32, u32), n: u32) -> Vec3 {
     let per_cell = 1.0 / n as f32;
     Vec3::new(n as f32 - (j + k) as f32, j as f32, k as f32) * per_cell
-}
-
-/// The grid point on edge `e` that is so many cells away from the edge's first corner, the one after corner e.
-#[inline]
-fn point_on_edge(e: u32, cells: u32, n: u32) -> (u32, u32) {
-    if e == 0 {
-        (n - cells, cells)
-    } else if e == 1 {
-        (0, n - cells)
-    } else {
-        (cells, 0)
-    }
 }

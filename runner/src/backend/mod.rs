@@ -159,6 +159,7 @@ impl SceneBuffers {
         let traced = frame.triangle_count > 0;
         let displaced = traced && features.method != method::NONE;
         let welded = traced && features.seams != 0;
+        let adaptive = displaced && features.adaptive != 0;
         let what = if !self.triangles.iter().all(|t| below(&t.vertices, self.vertices.len())) {
             "a triangle names a vertex that is not there"
         } else if frame.triangle_count as usize > self.triangles.len() {
@@ -189,6 +190,10 @@ impl SceneBuffers {
             "there are fewer sizes of texels than vertices"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
+        } else if adaptive && !(frame.subdivisions.is_power_of_two() && frame.detail > 0.0) {
+            "the greatest N is no power of two, or there is no detail that N follows"
+        } else if adaptive && features.method == method::GRID_WALK {
+            "the grid walk takes one N"
         } else if traced && !self.triangles.iter().all(names_a_material) {
             "a triangle names a material that is not there"
         } else if traced && !self.materials.iter().all(color_is_known) {
@@ -565,6 +570,22 @@ mod tests {
             let error = scene.check(&frame, features).expect_err(expected).to_string();
             assert!(error.contains(expected), "{error}");
         }
+    }
+
+    #[test]
+    fn adaptive_n_needs_a_power_of_two_and_a_detail() {
+        let (scene, frame, features) = sound();
+        let features = Features { adaptive: 1, ..features };
+        let check = |subdivisions, detail, features| {
+            let frame = Frame { subdivisions, detail, ..frame };
+            scene.check(&frame, features).map_err(|error| error.to_string())
+        };
+        assert_eq!(check(64, 1.0, features), Ok(()));
+        for (n, detail) in [(3, 1.0), (64, 0.0), (64, f32::NAN)] {
+            assert!(check(n, detail, features).expect_err("unsound").contains("no power of two"));
+        }
+        let walk = Features { method: method::GRID_WALK, ..features };
+        assert!(check(64, 1.0, walk).expect_err("unsound").contains("takes one N"));
     }
 
     /// 3 x 3 texels, and the one of the level behind them.

@@ -9,7 +9,7 @@ use crate::scene::scene_file::{
     MaterialChoice, ModelSource, SceneColor, SceneFile, SceneMaterial, SceneModel,
 };
 use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
-use crate::settings::{ChannelOrder, DisplacementKind, Light, Wrap};
+use crate::settings::{ChannelOrder, DisplacementKind, Light, Subdivisions, Wrap};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ pub(super) struct Request<'a> {
     pub(super) height: MapArgument,
     pub(super) zero: Option<f32>,
     pub(super) scale: Option<f32>,
-    pub(super) subdivisions: Option<u32>,
+    pub(super) subdivisions: Option<Subdivisions>,
     pub(super) invert: bool,
     /// `--wrap`: of all maps, whatever their materials say.
     pub(super) wrap: Option<Wrap>,
@@ -74,6 +74,8 @@ pub(super) struct Inputs {
     pub(super) scene: Scene,
     /// What the height maps' texels displace along.
     pub(super) displacement: DisplacementKind,
+    /// N.
+    pub(super) subdivisions: Subdivisions,
     /// For the user: each argument's value and where it comes from.
     pub(super) choices: [Choice; 6],
     /// The direction to the camera of a built-in scene that is alone, and what is up.
@@ -196,8 +198,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let (subdivisions, n_origin) = match (request.subdivisions, in_scene, recommended) {
         (Some(n), ..) => (n, GIVEN),
         (None, Some(n), _) => (n, SCENE_FILE),
-        (None, None, Some(n)) => (n, BUILTIN),
-        (None, None, None) => (SUBDIVISIONS, DEFAULT),
+        (None, None, Some(n)) => (Subdivisions::Fixed(n), BUILTIN),
+        (None, None, None) => (Subdivisions::Fixed(SUBDIVISIONS), DEFAULT),
     };
     let name = request.scene.map_or_else(|| models[0].name.clone(), |scene| scene.path.display().to_string());
     let model_origin = if *request.model == ModelArgument::Default { DEFAULT } else { GIVEN };
@@ -232,7 +234,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
         assembly.add(mesh, &ids);
     }
-    Ok(Inputs { scene: assembly.finish(subdivisions), displacement, choices, view, lights })
+    let scene = assembly.finish(subdivisions.most());
+    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights })
 }
 
 fn zero_of_heights(material: &Described) -> (String, &'static str) {

@@ -2,9 +2,9 @@
 
 use super::inputs::{MapArgument, ModelArgument};
 use crate::picture::{PictureFormat, linear_from_srgb};
-use crate::settings::Light;
+use crate::settings::{Light, Subdivisions};
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use emboss_kernels::interface::{MAX_PRIMITIVES, MAX_SUBDIVISIONS};
+use emboss_kernels::interface::MAX_PRIMITIVES;
 use glam::Vec3;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -58,12 +58,8 @@ pub(super) fn finite_or_default(text: &str) -> Result<OrDefault<f32>, String> {
     or_default(text, finite)
 }
 
-pub(super) fn subdivisions_or_default(text: &str) -> Result<OrDefault<u32>, String> {
-    or_default(text, |text| {
-        let range = 1..=MAX_SUBDIVISIONS;
-        let n = text.parse().ok().filter(|n| range.contains(n));
-        n.ok_or_else(|| format!("N is a whole number from 1 to {MAX_SUBDIVISIONS}; try 16"))
-    })
+pub(super) fn subdivisions_or_default(text: &str) -> Result<OrDefault<Subdivisions>, String> {
+    or_default(text, str::parse)
 }
 
 /// A number that is neither NaN nor infinite, also not by rounding to `f32`.
@@ -220,9 +216,12 @@ mod tests {
 
     #[test]
     fn subdivisions() {
-        assert_eq!(subdivisions_or_default("4096"), Ok(OrDefault::Given(4096)));
+        let given = |n| Ok(OrDefault::Given(n));
+        assert_eq!(subdivisions_or_default("4096"), given(Subdivisions::Fixed(4096)));
+        assert_eq!(subdivisions_or_default("auto"), given(Subdivisions::Auto { pixels: 1.0 }));
+        assert_eq!(subdivisions_or_default("auto:0.5"), given(Subdivisions::Auto { pixels: 0.5 }));
         assert_eq!(subdivisions_or_default("-"), Ok(OrDefault::Default));
-        for wrong in ["0", "4097", "-1", "8.0"] {
+        for wrong in ["0", "4097", "-1", "8.0", "auto:", "auto:0.05", "auto:65", "auto:nan", "automatic"] {
             assert!(subdivisions_or_default(wrong).expect_err(wrong).contains("from 1 to 4096"));
         }
     }

@@ -5,9 +5,8 @@ use super::SceneError;
 use super::error::SceneFileProblem;
 use crate::picture::linear_from_srgb;
 use crate::settings::{
-    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Weld, Wrap,
+    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
-use emboss_kernels::interface::MAX_SUBDIVISIONS;
 use glam::{DAffine3, DMat3, DVec3, EulerRot, Vec3};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -23,7 +22,7 @@ pub struct SceneFile {
     /// `samples`.
     pub samples: Option<u32>,
     /// `n`.
-    pub subdivisions: Option<u32>,
+    pub subdivisions: Option<Subdivisions>,
     /// `displacement`.
     pub displacement: Option<DisplacementKind>,
     /// `channels`.
@@ -228,7 +227,7 @@ struct RenderTable {
     width: Option<Side>,
     height: Option<Side>,
     samples: Option<Samples>,
-    n: Option<Subdivisions>,
+    n: Option<NValue>,
     method: Option<Method>,
     displacement: Option<DisplacementKind>,
     channels: Option<ChannelOrder>,
@@ -241,6 +240,29 @@ struct RenderTable {
     ambient: Option<NotNegative>,
     background: Option<[Share; 3]>,
     seed: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "NumberOrText")]
+struct NValue(Subdivisions);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "a whole number from 1 to 4096, \"auto\" or \"auto:PIXELS\"")]
+enum NumberOrText {
+    Number(i64),
+    Text(String),
+}
+
+impl TryFrom<NumberOrText> for NValue {
+    type Error = String;
+
+    fn try_from(given: NumberOrText) -> Result<NValue, String> {
+        match given {
+            NumberOrText::Number(n) => n.to_string().parse(),
+            NumberOrText::Text(text) => text.parse(),
+        }
+        .map(NValue)
+    }
 }
 
 /// `[camera]`.
@@ -438,9 +460,6 @@ checked! {
     #[doc = "Samples of a pixel."]
     Samples(u32) from "i64" i64: |x| u32::try_from(x).ok().filter(|x| *x > 0),
         "{given} is no number of samples; write one from 1 on, such as 4";
-    #[doc = "N."]
-    Subdivisions(u32) from "i64" i64: |x| u32::try_from(x).ok().filter(|x| (1..=MAX_SUBDIVISIONS).contains(x)),
-        "{given} is no N; write a whole number from 1 to 4096, such as 16";
 }
 
 /// A number as an `f32`, where it is one.
@@ -468,7 +487,7 @@ mod tests {
              [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
              [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
         ));
-        assert_eq!((scene.samples, scene.subdivisions), (Some(7), Some(9)));
+        assert_eq!((scene.samples, scene.subdivisions), (Some(7), Some(Subdivisions::Fixed(9))));
         assert_eq!(scene.displacement, Some(DisplacementKind::Object));
         assert_eq!(scene.channels, "-b+r+g".parse().ok());
         let Settings { view, lights, background, .. } = scene.settings();

@@ -90,6 +90,10 @@ impl Line {
             }
             let (t, t_low, t_high) = distances(corners, errors);
             let keys = cell.grid_points().map(|point| piece.key(point));
+            // At an edge of fewer parts than the triangle's, two micro-vertices may be one.
+            if keys[0] == keys[1] || keys[1] == keys[2] || keys[2] == keys[0] {
+                continue;
+            }
             let (base, cell) = (piece.base, cell.pack());
             meetings.push(Meeting { t, t_low, t_high, base, cell, margin, outline, keys });
         }

@@ -1,5 +1,6 @@
 //! The micro-triangle surface in f64, stored: what the kernels never do.
 
+use super::cutting::{Cut, Cutting};
 use super::relief::{Cover, Relief};
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
 use super::vectors::{Axes, End, Moved};
@@ -71,7 +72,7 @@ pub(super) struct Base<'a> {
     pub(super) rounding: Rounding,
     /// From where pixels are seen, where maps are filtered by their levels.
     sight: Option<Sight>,
-    n: u32,
+    cutting: Cutting,
 }
 
 /// From where pixels are seen.
@@ -92,7 +93,7 @@ pub(super) struct Place {
 }
 
 impl<'a> Base<'a> {
-    /// Decides what the triangles that `frame` counts share.
+    /// Decides what the triangles of `frame` share.
     pub(super) fn new(
         buffers: &'a SceneBuffers,
         frame: &Frame,
@@ -109,8 +110,8 @@ impl<'a> Base<'a> {
             pixel: 2.0 * frame.camera.up.as_dvec3().length() / f64::from(frame.height),
             reach: f64::from(frame.height_min.abs().max(frame.height_max.abs())),
         });
-        let (kind, n) = (features.displacement, frame.subdivisions);
-        Base { buffers, reliefs, welding, kind, linear, rounding, sight, n }
+        let (kind, cutting) = (features.displacement, Cutting::new(frame, features));
+        Base { buffers, reliefs, welding, kind, linear, rounding, sight, cutting }
     }
 
     /// What a map gives at texture coordinates `uv`, the magnitudes of whose terms add up to `terms`, at a place where
@@ -198,7 +199,7 @@ pub(super) struct Piece {
     /// Greatest distance by which f32 arithmetic may move one of its micro-vertices.
     pub(super) error: f64,
     junctions: [u32; 3],
-    n: u32,
+    cut: Cut,
 }
 
 impl Piece {
@@ -207,7 +208,8 @@ impl Piece {
     /// vertex stays.
     pub(super) fn new(base: &Base<'_>, triangle: u32) -> Self {
         let border = Border::new(base, triangle);
-        let n = base.n;
+        let cut = base.cutting.of(border.positions);
+        let n = cut.n;
         let mut piece = Piece {
             base: triangle,
             min: DVec3::INFINITY,
@@ -217,7 +219,7 @@ impl Piece {
             flipped: base.buffers.triangles[triangle as usize].flags & FLIPPED != 0,
             error: 0.0,
             junctions: border.junctions,
-            n,
+            cut,
         };
         for (j, k) in (0..=n).flat_map(|j| (0..=n - j).map(move |k| (j, k))) {
             let w = piece.weights(j, k);
@@ -237,14 +239,14 @@ impl Piece {
 
     /// The blocks that its cells fall into.
     pub(super) fn blocks(&self) -> impl Iterator<Item = Block> + use<> {
-        let (piece, n) = (self.base, self.n);
+        let (piece, n) = (self.base, self.cut.n);
         let starts = move |from| (0..n - from).step_by(BLOCK as usize);
         starts(0).flat_map(move |j| starts(j).map(move |k| Block { piece, j, k }))
     }
 
     /// The micro-vertices of a block's cells, row by row.
     pub(super) fn block_rows(&self, block: Block) -> impl Iterator<Item = &[DVec3]> {
-        let (n, Block { j, k, .. }) = (self.n, block);
+        let (n, Block { j, k, .. }) = (self.cut.n, block);
         (j..=(j + BLOCK).min(n - k)).map(move |j| {
             let (first, last) = (self.index((j, k)), self.index((j, (k + BLOCK).min(n - j))));
             &self.vertices[first..=last]
@@ -253,7 +255,7 @@ impl Piece {
 
     /// The cells of a block.
     pub(super) fn block_cells(&self, block: Block) -> impl Iterator<Item = Cell> + use<> {
-        let (n, Block { j, k, .. }) = (self.n, block);
+        let (n, Block { j, k, .. }) = (self.cut.n, block);
         (j..(j + BLOCK).min(n)).flat_map(move |j| {
             (k..(k + BLOCK).min(n - j)).flat_map(move |k| {
                 let lower = Cell { j, k, upper: false };
@@ -271,7 +273,7 @@ impl Piece {
 
     /// Place of grid point (j, k) among the vertices: rows 0 to j - 1 have N + 1, N, .. of them.
     fn index(&self, (j, k): (u32, u32)) -> usize {
-        let (n, j, k) = (self.n as usize, j as usize, k as usize);
+        let (n, j, k) = (self.cut.n as usize, j as usize, k as usize);
         j * (n + 1) - j * (j.max(1) - 1) / 2 + k
     }
 
@@ -285,14 +287,14 @@ impl Piece {
         cell.grid_points().map(|point| self.vertex(point))
     }
 
-    /// Barycentric coordinates of grid point (j, k) on the base triangle.
+    /// Barycentric coordinates on the base triangle of the place over which the micro-vertex of grid point (j, k) stands.
     pub(super) fn weights(&self, j: u32, k: u32) -> [f64; 3] {
-        [self.n - j - k, j, k].map(|m| f64::from(m) / f64::from(self.n))
+        self.cut.place((j, k)).map(|m| f64::from(m) / f64::from(self.cut.n))
     }
 
     /// What the micro-vertex at a grid point shares with those of other base triangles.
     pub(super) fn key(&self, (j, k): (u32, u32)) -> VertexKey {
-        let steps = [self.n - j - k, j, k];
+        let steps = self.cut.common_place((j, k));
         let present: Vec<(u32, u32)> =
             self.junctions.into_iter().zip(steps).filter(|&(_, steps)| steps > 0).collect();
         match present[..] {

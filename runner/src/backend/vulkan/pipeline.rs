@@ -225,10 +225,19 @@ impl Kernel {
                 SMOOTH,
                 DISPLACEMENT,
                 FILTER,
+                ADAPTIVE,
             ],
-            Kernel::TraceRays => {
-                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT, FILTER]
-            }
+            Kernel::TraceRays => &[
+                METHOD,
+                HEIGHT_FORMAT,
+                HEIGHT_WRAP,
+                COUNTERS,
+                NORMALS,
+                SEAMS,
+                DISPLACEMENT,
+                FILTER,
+                ADAPTIVE,
+            ],
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER],
