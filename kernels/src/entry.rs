@@ -14,8 +14,8 @@ use crate::displacement::height_pyramid::{build_word, height_bounds};
 use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
-    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, Material, PointLight, PyramidPart,
-    Ray, SeamSide, Seams, SortPass, Tangent, Tile, Triangle, Vertex, counter,
+    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, Intersection, Material, PointLight,
+    PyramidPart, Ray, SeamSide, Seams, SortPass, Tangent, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
@@ -44,6 +44,7 @@ pub fn render(
     #[spirv(spec_constant(id = 10, default = 0))] smooth: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] color_filter: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] placed: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -58,6 +59,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -76,6 +78,7 @@ pub fn render(
         color_texels,
         materials,
         lights,
+        instances,
     };
     let features = Features {
         method,
@@ -91,6 +94,7 @@ pub fn render(
         smooth,
         displacement,
         color_filter,
+        instances: placed,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -132,6 +136,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
     #[spirv(spec_constant(id = 9, default = 0))] welded: u32,
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
+    #[spirv(spec_constant(id = 13, default = 0))] placed: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -146,6 +151,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -165,6 +171,7 @@ pub fn trace_rays(
         color_texels,
         materials,
         lights,
+        instances,
     };
     let features = Features {
         method,
@@ -174,6 +181,7 @@ pub fn trace_rays(
         normals,
         seams: welded,
         displacement,
+        instances: placed,
         ..Features::default()
     };
     let mut counts = Counts::default();
@@ -224,6 +232,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] instances: &[Instance],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -243,6 +252,7 @@ pub fn bound_heights(
             color_texels,
             materials,
             lights,
+            instances,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -273,6 +283,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] instances: &[Instance],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -292,6 +303,7 @@ pub fn decide_seams(
             color_texels,
             materials,
             lights,
+            instances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -322,6 +334,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -349,6 +362,7 @@ pub fn prism_bounds(
             color_texels,
             materials,
             lights,
+            instances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

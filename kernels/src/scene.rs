@@ -1,7 +1,7 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
 use crate::interface::{
-    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Tangent, Triangle, Vertex,
+    BvhNode, Displacement, Frame, Instance, Material, PointLight, SeamSide, Seams, Tangent, Triangle, Vertex,
 };
 
 /// The buffers of a scene, as bound by the backend.
@@ -15,9 +15,9 @@ pub struct SceneView<'a> {
     pub tangents: &'a [Tangent],
     /// Base triangles.
     pub triangles: &'a [Triangle],
-    /// The BVH, its root first.
+    /// The BVH, its root first. Of instances the tree over them, then that of each mesh.
     pub nodes: &'a [BvhNode],
-    /// Triangle indices in the order of the BVH's leaves.
+    /// Triangle indices in the order of the BVH's leaves, of instances counted from their mesh's first.
     pub primitives: &'a [u32],
     /// How the height maps displace.
     pub displacements: &'a [Displacement],
@@ -35,6 +35,8 @@ pub struct SceneView<'a> {
     pub materials: &'a [Material],
     /// The lights.
     pub lights: &'a [PointLight],
+    /// The instances; none unless [`Features::instances`].
+    pub instances: &'a [Instance],
 }
 
 /// The switches that decide which code a pipeline holds: values of the modules in
@@ -67,6 +69,8 @@ pub struct Features {
     pub displacement: u32,
     /// See [`color_filter`](crate::interface::color_filter).
     pub color_filter: u32,
+    /// 1 where meshes stand in the places of [`Instance`]s, 0 where each triangle stands once, as it is stored.
+    pub instances: u32,
 }
 
 impl Features {
@@ -86,6 +90,7 @@ impl Features {
             self.smooth,
             self.displacement,
             self.color_filter,
+            self.instances,
         ]
     }
 }

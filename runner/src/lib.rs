@@ -8,6 +8,7 @@ pub mod cli;
 pub mod colors;
 pub mod framing;
 pub mod heights;
+pub mod instances;
 pub mod picture;
 pub mod render;
 pub mod scene;

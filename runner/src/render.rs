@@ -6,6 +6,7 @@ use crate::bvh::HostAabb;
 use crate::colors::Colors;
 use crate::framing::{self, Framing, FramingError, View};
 use crate::heights::{self, Heights};
+use crate::instances::{self, Part};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
@@ -14,6 +15,7 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{FilmPixel, Frame, PointLight};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -31,6 +33,8 @@ pub struct Scene {
     ///
     /// [`Triangle::material`]: emboss_kernels::interface::Triangle::material
     pub materials: Vec<Material>,
+    /// The meshes that the mesh is made of, where they have places of their own; else none: it stands as it is.
+    pub parts: Vec<Part>,
     /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS).
     pub subdivisions: u32,
 }
@@ -51,15 +55,24 @@ pub struct Job {
 }
 
 impl Job {
-    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`.
+    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`, of instances in their own
+    /// spaces.
     ///
     /// # Errors
     /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
     /// camera as asked for.
     pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<(), RenderError> {
-        check_extent(boxes)?;
+        let mut boxes = Cow::Borrowed(boxes);
+        if !self.buffers.instances.is_empty() {
+            let instances = &self.buffers.instances;
+            for mesh in instances::meshes(instances) {
+                check_extent(instances::boxes_of(mesh, &boxes))?;
+            }
+            boxes = Cow::Owned(instances::world_boxes(instances, &boxes));
+        }
+        check_extent(&boxes)?;
         let aspect = f64::from(self.frame.width) / f64::from(self.frame.height);
-        let framing = framing::frame(&self.view, boxes, aspect)?;
+        let framing = framing::frame(&self.view, &boxes, aspect)?;
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
         Ok(())
@@ -131,6 +144,14 @@ pub enum RenderError {
         /// Words of 32 bits.
         words: u64,
     },
+    /// A part has a place that floats cannot compute with.
+    #[error(
+        "a transform of part {part} takes directions to nothing, to infinity or almost to each other; change it"
+    )]
+    Transform {
+        /// Which part.
+        part: usize,
+    },
     /// The grid walk takes heights alone.
     #[error(
         "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
@@ -170,7 +191,8 @@ fn available_memory() -> Option<u64> {
 /// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs its
 /// maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let Scene { mut mesh, reliefs, materials, subdivisions } = scene;
+    let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
+    let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
     if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
         return Err(RenderError::WalkOfVectors);
     }
@@ -199,6 +221,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         smooth: u32::from(settings.smooth),
         displacement: settings.displacement.id(),
         color_filter: settings.filter.id(),
+        instances: u32::from(!instances.is_empty()),
     };
     let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {
@@ -225,6 +248,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         seam_sides: seams.sides,
         color_texels: colors.texels,
         materials: colors.materials,
+        instances,
         ..SceneBuffers::default()
     };
     Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })
@@ -325,6 +349,7 @@ mod tests {
             mesh: builtin.mesh,
             reliefs: vec![Relief::new(builtin.height, builtin.zero, builtin.scale)],
             materials: vec![builtin.color.into()],
+            parts: vec![],
             subdivisions: 4,
         }
     }

@@ -60,7 +60,7 @@ fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob
     }
     let Displaced { displacement, normals, weld, wrap, subdivisions, .. } = how;
     let settings = Settings { displacement, normals, weld, wrap, width: 1, height: 1, ..Settings::default() };
-    job(Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions }, &settings)
+    job(Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions }, &settings)
 }
 
 /// Traces `count` rays; how many of them leak.

@@ -28,6 +28,7 @@ const ALL: Features = Features {
     smooth: 1,
     displacement: displacement_kind::HEIGHT,
     color_filter: color_filter::TRILINEAR,
+    instances: 1,
 };
 
 /// What is left of an entry point.

@@ -356,7 +356,14 @@ impl BaseTriangle {
         if left || !hit.t.is_finite() {
             return nearest;
         }
-        nearest.nearer(Hit { t: hit.t, primitive: self.primitive, cell: packed, b1: hit.b1, b2: hit.b2 })
+        nearest.nearer(Hit {
+            t: hit.t,
+            primitive: self.primitive,
+            cell: packed,
+            b1: hit.b1,
+            b2: hit.b2,
+            ..Hit::NONE
+        })
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far

@@ -164,7 +164,7 @@ impl Assembly {
                 reliefs[flats].fill(Relief { wrap, ..Relief::new(map, 0.0, 0.0) });
             }
         }
-        crate::render::Scene { mesh, reliefs, materials, subdivisions }
+        crate::render::Scene { mesh, reliefs, materials, parts: vec![], subdivisions }
     }
 
     /// How many reliefs a displacement takes.

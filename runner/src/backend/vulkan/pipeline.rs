@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 17;
+pub(super) const MOST_BINDINGS: u32 = 18;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -32,6 +32,7 @@ macro_rules! scene_and {
             LIGHTS,
             MATERIALS,
             TANGENTS,
+            INSTANCES,
             $($more),*
         ]
     };
@@ -224,9 +225,10 @@ impl Kernel {
                 SMOOTH,
                 DISPLACEMENT,
                 COLOR_FILTER,
+                INSTANCES,
             ],
             Kernel::TraceRays => {
-                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT]
+                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, COUNTERS, NORMALS, SEAMS, DISPLACEMENT, INSTANCES]
             }
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT],
