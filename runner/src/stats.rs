@@ -12,9 +12,11 @@ use std::time::Duration;
 /// Statistics of a rendering. Times are in milliseconds, sizes in bytes.
 #[derive(Clone, Debug, Serialize)]
 pub struct Stats {
-    /// Base triangles.
+    /// Base triangles, those of a mesh that has instances once.
     pub triangles: u64,
-    /// Micro-triangles of the surface: N² for each base triangle. None of them is stored.
+    /// Places in which meshes stand; 0 where each triangle stands once, as it is.
+    pub instances: u64,
+    /// Micro-triangles of the surface: N² for each base triangle, in each of its places. None of them is stored.
     pub micro_triangles: u64,
     /// Time from the height maps' pyramids over the boxes of the displaced triangles to the BVH over them.
     pub bvh_build_ms: f64,
@@ -49,7 +51,7 @@ pub struct Bytes {
     pub vertices: u64,
     /// Base triangles.
     pub triangles: u64,
-    /// Nodes of the BVH.
+    /// Nodes of the BVH, of instances those of all trees.
     pub nodes: u64,
     /// Order of the triangles in the BVH's leaves.
     pub primitives: u64,
@@ -65,6 +67,8 @@ pub struct Bytes {
     pub materials: u64,
     /// Lights.
     pub lights: u64,
+    /// Instances.
+    pub instances: u64,
     /// Sums of samples.
     pub film: u64,
 }
@@ -170,10 +174,14 @@ impl Stats {
         let work = Work::new(rendering);
         let rays = work.primary_rays + work.shadow_rays;
         let triangles = job.buffers.triangles.len() as u64;
+        let instances = &job.buffers.instances;
+        let placed = instances.iter().map(|instance| u64::from(instance.triangle_count)).sum();
+        let shown = if instances.is_empty() { triangles } else { placed };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         Stats {
             triangles,
-            micro_triangles: triangles * u64::from(settings.subdivisions).pow(2),
+            instances: instances.len() as u64,
+            micro_triangles: shown * u64::from(settings.subdivisions).pow(2),
             bvh_build_ms: milliseconds(build.duration),
             frame_ms: milliseconds(rendering.elapsed),
             device_ms: rendering.device_ms,
@@ -241,6 +249,7 @@ impl Bytes {
             color_texels: bytes(&buffers.color_texels),
             materials: bytes(&buffers.materials),
             lights: bytes(&buffers.lights),
+            instances: bytes(&buffers.instances),
             film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
         }
     }

@@ -108,6 +108,15 @@ fn scenes_without_seams_have_no_code_for_them() {
 }
 
 #[test]
+fn scenes_without_instances_have_no_code_for_them() {
+    for entry_point in ["render", "trace_rays"] {
+        let [with, without] = [1, 0].map(|instances| specialized(entry_point, Features { instances, ..ALL }));
+        assert_unread(&with, &without, &[binding::INSTANCES]);
+        assert!(without.instructions < with.instructions, "{entry_point}: {with:?}, {without:?}");
+    }
+}
+
+#[test]
 fn scenes_of_heights_have_no_code_for_vectors() {
     let [vectors, heights] = [displacement_kind::TANGENT, displacement_kind::HEIGHT]
         .map(|displacement| specialized("render", Features { displacement, ..ALL }));
