@@ -188,3 +188,63 @@ fn most_row_sum(m: DMat3) -> f64 {
     // NaN, of a matrix without inverse, must not be lost.
     if sums.is_nan() { f64::NAN } else { sums.max_element() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    fn turned() -> DQuat {
+        DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -3.0).normalize(), 0.8)
+    }
+
+    #[test]
+    fn stretch_is_the_ratio_of_greatest_and_least_length() {
+        let stretch = |matrix: DMat3| placed(DAffine3::from_mat3(matrix)).expect("invertible").stretch;
+        let scaled = DMat3::from_quat(turned()) * DMat3::from_diagonal(DVec3::new(-2.0, 16.0, 4.0));
+        // Entries of the matrix are rounded to f32 first.
+        assert!((8.0..8.00001).contains(&stretch(scaled)), "{}", stretch(scaled));
+        assert!((1.0..1.000001).contains(&stretch(DMat3::IDENTITY)));
+        // Singular values of a shear by 1/2 are those of [[1, 1/2], [0, 1]]: (sqrt(17) +- 1) / 4.
+        let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::Z);
+        let exact = (17_f32.sqrt() + 1.0) / (17_f32.sqrt() - 1.0);
+        assert!((exact..1.2 * exact).contains(&stretch(shear)), "{}", stretch(shear));
+    }
+
+    #[test]
+    fn world_boxes_hold_the_transformed_corners_and_little_more() {
+        let scale = DVec3::new(3.0, -1e-2, 0.5);
+        let place = DAffine3::from_scale_rotation_translation(scale, turned(), DVec3::splat(7.0));
+        let instance = placed(place).expect("invertible");
+        let bounds = Aabb { min: Vec3::new(-1.0, -2.0, 0.0), max: Vec3::new(1.0, 5.0, 0.0) };
+        let world = world_box(&instance, bounds);
+        let corners = bounds.corners().map(|corner| place.transform_point3(corner.as_dvec3()).as_vec3());
+        let tight = corners.into_iter().fold(Aabb::EMPTY, Aabb::including);
+        assert!(world.contains(tight) && tight.padded(4e-4).contains(world), "{tight:?} {world:?}");
+        assert_eq!(world_box(&instance, Aabb::EMPTY), Aabb::EMPTY);
+    }
+
+    #[test]
+    fn broken_layouts_are_noticed() {
+        let part = |triangle_count, places| Part { triangle_count, places: vec![DAffine3::IDENTITY; places] };
+        let sound = instances(&[part(4, 2), part(3, 1)]).expect("invertible");
+        assert_eq!(
+            sound.iter().map(|i| (i.first_node, i.first_triangle)).collect::<Vec<_>>(),
+            [(5, 0), (5, 0), (12, 4)]
+        );
+        assert_eq!(node_room(&sound), 17);
+        assert!(are_sound(&sound, 7) && !are_sound(&sound, 6));
+        let breaks: [fn(&mut Vec<Instance>); 5] = [
+            |instances| instances[2].first_node = 11,
+            |instances| instances[2].first_triangle = 3,
+            |instances| instances[1].first_triangle = 1,
+            |instances| instances[2].triangle_count = u32::MAX,
+            |instances| drop(instances.remove(1)),
+        ];
+        for (i, fault) in breaks.into_iter().enumerate() {
+            let mut broken = sound.clone();
+            fault(&mut broken);
+            assert!(!are_sound(&broken, 7), "fault {i}");
+        }
+    }
+}

@@ -1,13 +1,19 @@
 //! Meshes in many places.
 
-use crate::Numbers;
+use crate::meshes::{self, Solid};
 use crate::oracle::{Clarity, Disagreement, Oracle, WideRay};
-use crate::scenes::ReadyJob;
+use crate::scenes::{ReadyJob, WildMap, job};
+use crate::{Numbers, RaySource};
+use emboss::backend::SceneBuffers;
 use emboss::instances::Part;
 use emboss::render::Scene;
-use emboss_kernels::interface::{Instance, Intersection, MISS, Ray};
+use emboss::scene::{Material, Mesh, Relief};
+use emboss::settings::{Normals, Settings};
+use emboss_kernels::interface::{Frame, Instance, Intersection, MISS, Ray};
 use emboss_kernels::math::UNIT_ROUNDOFF;
+use emboss_kernels::scene::Features;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use std::f32::consts::TAU;
 
 /// The scene's mesh in places of its own.
 pub fn placed(scene: Scene, places: Vec<DAffine3>) -> Scene {
@@ -15,10 +21,34 @@ pub fn placed(scene: Scene, places: Vec<DAffine3>) -> Scene {
     Scene { parts: vec![Part { triangle_count, places }], ..scene }
 }
 
+/// A solid under noise, a tenth of its size high.
+pub fn rough(solid: &Solid, n: u32) -> Scene {
+    Scene {
+        mesh: solid.placed(1.0, 0.0).mesh,
+        reliefs: vec![Relief::new(WildMap::Noise.map(&mut Numbers::new(7)), 0.0, 0.1)],
+        materials: vec![Material::default()],
+        parts: vec![],
+        subdivisions: n,
+    }
+}
+
+/// Two meshes of one scene, the second one's triangles after the first one's, each in `places` of its own.
+pub fn two_meshes(places: [Vec<DAffine3>; 2]) -> (Scene, [Scene; 2]) {
+    let alone = [rough(&meshes::icosphere(1), 5), rough(&meshes::cube(), 5)];
+    let mut mesh = Mesh::default();
+    let counts = alone.each_ref().map(|scene| {
+        mesh.append(scene.mesh.clone());
+        u32::try_from(scene.mesh.triangles.len()).expect("indices are of 32 bits")
+    });
+    let parts =
+        counts.into_iter().zip(places).map(|(triangle_count, places)| Part { triangle_count, places });
+    (Scene { mesh, parts: parts.collect(), ..alone[0].clone() }, alone)
+}
+
 /// A random rotation.
 pub fn rotation(numbers: &mut Numbers) -> DQuat {
     let axis = numbers.direction().as_dvec3().normalize();
-    DQuat::from_axis_angle(axis, f64::from(numbers.between(0.0, 6.28)))
+    DQuat::from_axis_angle(axis, f64::from(numbers.between(0.0, TAU)))
 }
 
 /// Scales from 1e-3 to 1e3, one for all axes or one for each, some of them mirrored; turned anyhow; moved by up to a
@@ -45,19 +75,69 @@ pub fn world_ray(place: DAffine3, ray: &Ray) -> Ray {
     Ray { origin, direction, ..*ray }
 }
 
-/// The transform that kernels have for the way to the world.
-pub fn stored(instance: &Instance) -> DAffine3 {
-    affine(instance.world_from_object)
-}
-
 /// The transform that kernels take rays to object space by.
 pub fn object_from_world(instance: &Instance) -> DAffine3 {
-    affine(instance.object_from_world)
+    let column = |i: usize| DVec3::from(instance.object_from_world.map(|row| f64::from(row[i])));
+    DAffine3::from_cols(column(0), column(1), column(2), column(3))
 }
 
-fn affine(rows: [[f32; 4]; 3]) -> DAffine3 {
-    let column = |i: usize| DVec3::from(rows.map(|row| f64::from(row[i])));
-    DAffine3::from_cols(column(0), column(1), column(2), column(3))
+/// A scene of two meshes in three places each, rays at all of them, and who judges these.
+pub struct OracleCase {
+    /// The scene.
+    pub job: ReadyJob,
+    /// At each instance from outside, from inside, and towards edges.
+    pub rays: Vec<Ray>,
+    oracle: InstanceOracle,
+}
+
+impl OracleCase {
+    /// In places that `round` decides: crowds in odd rounds, else wild ones, which overlap less. So many `rays` of
+    /// each kind at each instance. `oracle` makes the judge of a mesh.
+    pub fn new(
+        round: u64,
+        normals: Normals,
+        rays: usize,
+        oracle: fn(&SceneBuffers, &Frame, Features) -> Oracle,
+    ) -> OracleCase {
+        let mut numbers = Numbers::new(round);
+        let mut place = || {
+            if round.is_multiple_of(2) {
+                return wild(&mut numbers);
+            }
+            let turned = DAffine3::from_quat(rotation(&mut numbers));
+            DAffine3::from_translation(numbers.direction().as_dvec3() * 1.5) * turned
+        };
+        let places = [(); 2].map(|()| (0..3).map(|_| place()).collect());
+        let (scene, alone) = two_meshes(places);
+        let parts = scene.parts.clone();
+        let settings = Settings { normals, width: 1, height: 1, ..Settings::default() };
+        let meshes = alone.map(|scene| job(scene, &settings));
+        let mut at_all = Vec::new();
+        for (part, mesh) in parts.iter().zip(&meshes) {
+            for &place in &part.places {
+                let mut source = RaySource::new(mesh, round);
+                for _ in 0..rays {
+                    let more = [source.from_outside(), source.from_inside(), source.towards_edge(3.0)];
+                    at_all.extend(more.iter().map(|ray| world_ray(place, ray)));
+                }
+            }
+        }
+        let oracle =
+            InstanceOracle::new(&parts, &meshes, |job| oracle(&job.buffers, &job.frame, job.features));
+        OracleCase { job: job(scene, &settings), rays: at_all, oracle }
+    }
+
+    /// Asserts that hits of the rays are right. How many of them had no other answer.
+    ///
+    /// # Panics
+    /// Where one is wrong.
+    pub fn assert_right(&self, hits: &[Intersection]) -> usize {
+        let verdict = |(ray, hit): (&Ray, &Intersection)| match self.oracle.judge(ray, hit) {
+            Ok(clarity) => clarity == Clarity::Clear,
+            Err((instance, wrong)) => panic!("{ray:?}\n{hit:?}\ninstance {instance}: {wrong:?}"),
+        };
+        self.rays.iter().zip(hits).map(verdict).filter(|&clear| clear).count()
+    }
 }
 
 /// Judges rays through instances: an oracle for each mesh in its own space.
@@ -67,7 +147,7 @@ fn affine(rows: [[f32; 4]; 3]) -> DAffine3 {
 /// surface by u |O| (|W||x| + |T|) in object space; rounding O and T' moves the ray's origin by u (|O||o| + |T'|), and
 /// computing it by four to six times that, |T'| <= |O||T|. The direction is off by u (|O||W||O||d| + |O||d|) for the matrices,
 /// 5 u |O||d| for products and sums, and each component by 10 u of itself (two quotients; the CPU's are 2 u).
-pub struct InstanceOracle {
+struct InstanceOracle {
     meshes: Vec<Oracle>,
     /// The greatest coordinate of each mesh's surface.
     reach: Vec<f64>,
@@ -82,7 +162,7 @@ struct Place {
 
 impl InstanceOracle {
     /// From `parts` as asked for, and a job of each part's mesh alone without instances, in their order.
-    pub fn new(parts: &[Part], meshes: &[ReadyJob], oracle: impl Fn(&ReadyJob) -> Oracle) -> Self {
+    fn new(parts: &[Part], meshes: &[ReadyJob], oracle: impl Fn(&ReadyJob) -> Oracle) -> Self {
         let mut first_triangle = 0;
         let mut places = Vec::new();
         for (mesh, part) in parts.iter().enumerate() {
@@ -101,11 +181,9 @@ impl InstanceOracle {
         }
     }
 
-    /// Whether a reported hit is what rounding allows: right in its instance, and nothing certain before it in another.
-    ///
-    /// # Errors
-    /// Where it is not: the instance that says so, and why.
-    pub fn judge(&self, ray: &Ray, reported: &Intersection) -> Result<Clarity, (usize, Disagreement)> {
+    /// Whether a reported hit is what rounding allows: right in its instance, and nothing certain before it in another. Else
+    /// the instance that says no, and why.
+    fn judge(&self, ray: &Ray, reported: &Intersection) -> Result<Clarity, (usize, Disagreement)> {
         let mut clarity = Clarity::Clear;
         for (i, place) in self.places.iter().enumerate() {
             let own = reported.primitive != MISS && reported.instance as usize == i;

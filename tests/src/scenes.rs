@@ -2,6 +2,7 @@
 
 use crate::Numbers;
 use emboss::backend::host_scene::HostScene;
+use emboss::bvh::Bvh;
 use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
@@ -126,6 +127,11 @@ impl ReadyJob {
     /// The box of each prism.
     pub fn boxes(&self) -> &[Aabb] {
         self.scene.boxes()
+    }
+
+    /// The tree over them, or the trees.
+    pub fn bvh(&self) -> &Bvh {
+        self.scene.bvh()
     }
 
     /// The box around the displaced model.

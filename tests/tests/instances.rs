@@ -5,7 +5,7 @@ use emboss::backend::cpu::CpuBackend;
 use emboss::backend::{Backend, SceneBuffers};
 use emboss::instances::Part;
 use emboss::render::{Job, Scene, prepare};
-use emboss::scene::{Material, Mesh, Relief};
+use emboss::scene::Mesh;
 use emboss::settings::{Filter, Normals, Settings, Shade};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
@@ -15,26 +15,15 @@ use emboss_kernels::hit::Hit;
 use emboss_kernels::interface::{BvhNode, Instance, Intersection, MISS, Ray};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::SceneView;
-use emboss_tests::instances::{InstanceOracle, object_from_world, placed, rotation, wild, world_ray};
-use emboss_tests::meshes::{self, Solid};
-use emboss_tests::oracle::{Clarity, Oracle};
-use emboss_tests::scenes::{self, ReadyJob, WildMap, job};
+use emboss_tests::instances::{OracleCase, object_from_world, placed, rotation, rough, wild, world_ray};
+use emboss_tests::meshes;
+use emboss_tests::oracle::Oracle;
+use emboss_tests::scenes::{self, ReadyJob, job};
 use emboss_tests::{LeakRays, Numbers, RaySource};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 fn settings() -> Settings {
     Settings { width: 1, height: 1, ..Settings::default() }
-}
-
-/// A solid under noise, a tenth of its size high.
-fn rough(solid: &Solid, n: u32) -> Scene {
-    Scene {
-        mesh: solid.placed(1.0, 0.0).mesh,
-        reliefs: vec![Relief::new(WildMap::Noise.map(&mut Numbers::new(7)), 0.0, 0.1)],
-        materials: vec![Material::default()],
-        parts: vec![],
-        subdivisions: n,
-    }
 }
 
 fn hits(job: &ReadyJob, rays: &[Ray]) -> Vec<Intersection> {
@@ -43,58 +32,14 @@ fn hits(job: &ReadyJob, rays: &[Ray]) -> Vec<Intersection> {
     backend.trace_rays(rays).expect("the CPU does not fail")
 }
 
-/// Two meshes of one scene, the second one's triangles after the first one's, each in `places` of its own.
-fn two_meshes(places: [Vec<DAffine3>; 2]) -> (Scene, [Scene; 2]) {
-    let alone = [rough(&meshes::icosphere(1), 5), rough(&meshes::cube(), 5)];
-    let mut mesh = Mesh::default();
-    let counts = alone.each_ref().map(|scene| {
-        mesh.append(scene.mesh.clone());
-        u32::try_from(scene.mesh.triangles.len()).expect("few")
-    });
-    let parts =
-        counts.into_iter().zip(places).map(|(triangle_count, places)| Part { triangle_count, places });
-    (Scene { mesh, parts: parts.collect(), ..alone[0].clone() }, alone)
-}
-
 /// Every ray's answer is one that rounding allows, by oracles of each mesh in object space.
 #[test]
 fn the_oracle_accepts_rays_through_instances_in_wild_places() {
     let mut clear = 0;
     for round in 0..12 {
-        let mut numbers = Numbers::new(round);
-        // The wilder the places are the less they overlap: half the scenes are crowds.
-        let mut place = || {
-            if round % 2 == 0 {
-                return wild(&mut numbers);
-            }
-            let turned = DAffine3::from_quat(rotation(&mut numbers));
-            DAffine3::from_translation(numbers.direction().as_dvec3() * 1.5) * turned
-        };
-        let places = [(); 2].map(|()| (0..3).map(|_| place()).collect::<Vec<_>>());
-        let (scene, alone) = two_meshes(places);
-        let parts = scene.parts.clone();
-        let normals = [Normals::Normalized, Normals::Linear][(round / 2 % 2) as usize];
-        let settings = Settings { normals, ..settings() };
-        let meshes = alone.map(|scene| job(scene, &settings));
-        let job = job(scene, &settings);
-        let oracle =
-            InstanceOracle::new(&parts, &meshes, |job| Oracle::new(&job.buffers, &job.frame, job.features));
-        let mut rays = Vec::new();
-        for (part, mesh) in parts.iter().zip(&meshes) {
-            for &place in &part.places {
-                let mut source = RaySource::new(mesh, round);
-                for _ in 0..150 {
-                    let more = [source.from_outside(), source.from_inside(), source.towards_edge(3.0)];
-                    rays.extend(more.iter().map(|ray| world_ray(place, ray)));
-                }
-            }
-        }
-        for (ray, hit) in rays.iter().zip(hits(&job, &rays)) {
-            match oracle.judge(ray, &hit) {
-                Ok(clarity) => clear += usize::from(clarity == Clarity::Clear),
-                Err((instance, wrong)) => panic!("{round}: {ray:?}\n{hit:?}\ninstance {instance}: {wrong:?}"),
-            }
-        }
+        let normals = [Normals::Normalized, Normals::Linear][round as usize / 2 % 2];
+        let case = OracleCase::new(round, normals, 150, Oracle::new);
+        clear += case.assert_right(&hits(&case.job, &case.rays));
     }
     // A judge that lets everything pass would be none: far from edges there is one answer.
     assert!(clear > 12 * 6 * 450 * 3 / 4, "{clear} clear");

@@ -84,7 +84,8 @@ pub fn traverse(
                     }
                 } else {
                     // Go to the nearer child, keep the other for later.
-                    let first = place.first_node + node.first;
+                    // A branch of a constant where there are no instances.
+                    let first = if instanced { place.first_node + node.first } else { node.first };
                     let (left, right) = (at(scene.nodes, first), at(scene.nodes, first + 1));
                     let limit = farthest(&ray, nearest);
                     let margin = if in_world { margin } else { 0.0 };
@@ -138,8 +139,8 @@ pub fn traverse(
         if at_leaf {
             let mut i = 0;
             while i < node.count {
-                let entry = place.first_triangle + node.first + i;
-                let primitive = place.first_triangle + at(scene.primitives, entry);
+                let first = if instanced { place.first_triangle } else { 0 };
+                let primitive = first + at(scene.primitives, first + node.first + i);
                 nearest =
                     intersect_primitive(scene, features, &field, &ray, query, primitive, nearest, counts);
                 i += 1;
@@ -150,7 +151,7 @@ pub fn traverse(
         }
     }
     // Any hit ends the search where it is.
-    if place.inside { place.nearest_in_world(nearest) } else { nearest }
+    if instanced && place.inside { place.nearest_in_world(nearest) } else { nearest }
 }
 
 /// Beyond this distance a box can hold no hit that counts: hits at equal distances must all be found, and a hit's
