@@ -1,7 +1,7 @@
 //! Instances on lavapipe: what `instances.rs` asks of the CPU, by fewer rays, and the CPU's trees and pictures.
 
 use emboss::backend::Backend;
-use emboss::settings::{Normals, Settings, Shade};
+use emboss::settings::{Normals, Settings};
 use emboss_kernels::interface::MISS;
 use emboss_tests::compare::{against_cpu, rendered};
 use emboss_tests::instances::{OracleCase, placed, rotation, rough, two_meshes, wild, world_ray};
@@ -88,13 +88,11 @@ fn pictures_are_alike() {
         };
         let places = [(); 2].map(|()| (0..4).map(|_| place()).collect());
         let scene = scaled(two_meshes(places).0, 0.2);
-        for (shade, smooth) in [(Shade::Lit, true), (Shade::Cell, false)] {
-            let settings = Settings { shade, smooth, width: 64, height: 48, ..Settings::default() };
-            let job = job(scene.clone(), &settings);
-            let picture = rendered(backend, &job, 2);
-            against_cpu(&job, 2, &picture).assert_same(&format!("{shade:?}"));
-            let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();
-            assert!(hit * 10 > picture.pixels.len(), "only {hit} pixels show anything");
-        }
+        let settings = Settings { smooth: true, width: 64, height: 48, ..Settings::default() };
+        let job = job(scene, &settings);
+        let picture = rendered(backend, &job, 2);
+        against_cpu(&job, 2, &picture).assert_same("lit");
+        let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();
+        assert!(hit * 10 > picture.pixels.len(), "only {hit} pixels show anything");
     });
 }
