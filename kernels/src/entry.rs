@@ -14,8 +14,8 @@ use crate::displacement::height_pyramid::{build_word, height_bounds};
 use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
-    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, Material, PointLight, PyramidPart,
-    Ray, SeamSide, Seams, SortPass, Tangent, TexelScale, Tile, Triangle, Vertex, counter,
+    Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, Intersection, Material, PointLight,
+    PyramidPart, Ray, SeamSide, Seams, SortPass, Tangent, TexelScale, Tile, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
@@ -45,6 +45,7 @@ pub fn render(
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
+    #[spirv(spec_constant(id = 14, default = 0))] placed: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -60,6 +61,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -79,6 +81,7 @@ pub fn render(
         color_texels,
         materials,
         lights,
+        instances,
     };
     let features = Features {
         method,
@@ -95,6 +98,7 @@ pub fn render(
         displacement,
         filter,
         adaptive,
+        instances: placed,
     };
     let mut counts = Counts::default();
     if id.x < tile.width && id.y < tile.height {
@@ -138,6 +142,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 11, default = 0))] displacement: u32,
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
+    #[spirv(spec_constant(id = 14, default = 0))] placed: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -153,6 +158,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -173,6 +179,7 @@ pub fn trace_rays(
         color_texels,
         materials,
         lights,
+        instances,
     };
     let features = Features {
         method,
@@ -184,6 +191,7 @@ pub fn trace_rays(
         displacement,
         filter,
         adaptive,
+        instances: placed,
         ..Features::default()
     };
     let mut counts = Counts::default();
@@ -236,6 +244,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -256,6 +265,7 @@ pub fn bound_heights(
             color_texels,
             materials,
             lights,
+            instances,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -288,6 +298,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -308,6 +319,7 @@ pub fn decide_seams(
             color_texels,
             materials,
             lights,
+            instances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -340,6 +352,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -369,6 +382,7 @@ pub fn prism_bounds(
             color_texels,
             materials,
             lights,
+            instances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

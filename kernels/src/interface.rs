@@ -91,8 +91,10 @@ pub mod binding {
     pub const TANGENTS: u32 = 38;
     /// `[TexelScale]`, one for each vertex where maps are filtered by their levels, else none; read.
     pub const TEXEL_SCALES: u32 = 39;
+    /// `[Instance]`, read.
+    pub const INSTANCES: u32 = 40;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 40;
+    pub const COUNT: u32 = 41;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -126,8 +128,10 @@ pub mod spec {
     pub const FILTER: u32 = 12;
     /// 1 where N of each triangle follows its distance to the camera: [`Frame::detail`](super::Frame::detail).
     pub const ADAPTIVE: u32 = 13;
+    /// 1 where meshes stand in the places of [`Instance`](super::Instance)s.
+    pub const INSTANCES: u32 = 14;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 14;
+    pub const COUNT: u32 = 15;
 }
 
 /// Values of [`spec::METHOD`].
@@ -392,12 +396,35 @@ pub struct SeamSide {
 pub struct BvhNode {
     /// Lower corner of its box.
     pub min: Vec3,
-    /// Leaf: first index into the primitives. Inner node: index of the first child; the second follows it.
+    /// Leaf: first index into the primitives. Inner node: index of the first child; the second follows it. Both count from
+    /// where those of the tree begin: see [`Instance`]. A leaf of the tree over instances: the index of its only one.
     pub first: u32,
     /// Upper corner of its box.
     pub max: Vec3,
     /// Leaf: how many primitives. Inner node: 0.
     pub count: u32,
+}
+
+/// A mesh in a place. Several may place the same one.
+///
+/// With instances the buffer of nodes holds the tree over them, then those of the meshes, each by itself; the buffer of
+/// primitives holds what their leaves point to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Instance {
+    /// Takes points of the mesh, its *object space*, to the world: three rows, each of three factors and what is added.
+    pub world_from_object: [[f32; 4]; 3],
+    /// The inverse, rounded.
+    pub object_from_world: [[f32; 4]; 3],
+    /// The root of the mesh's tree in the buffer of nodes.
+    pub first_node: u32,
+    /// The mesh's first triangle; in the buffer of primitives what its leaves point to begins at the same place.
+    pub first_triangle: u32,
+    /// How many triangles the mesh has. Traversal does not read it.
+    pub triangle_count: u32,
+    /// The greatest length to which the transform takes a unit vector over the least one, or more where it shears: for
+    /// what judges by distances in object space. 1 where it keeps shapes.
+    pub stretch: f32,
 }
 
 /// A point light whose irradiance at distance d is `intensity / d²` (facing it).
@@ -687,6 +714,10 @@ pub struct Intersection {
     pub u: f32,
     /// See `u`.
     pub v: f32,
+    /// The [`Instance`] whose triangle it is; 0 where there are none.
+    pub instance: u32,
+    /// Unused.
+    pub padding: [u32; 3],
 }
 
 const _: () = {
@@ -696,6 +727,7 @@ const _: () = {
     assert!(size_of::<SeamSide>() == 28);
     assert!(size_of::<Tangent>() == 16);
     assert!(size_of::<BvhNode>() == 32);
+    assert!(size_of::<Instance>() == 112);
     assert!(size_of::<PointLight>() == 32);
     assert!(size_of::<Camera>() == 64);
     assert!(size_of::<Material>() == 32);
@@ -710,5 +742,5 @@ const _: () = {
     assert!(size_of::<FilmPixel>() == 20);
     assert!(size_of::<Counter>() == 8);
     assert!(size_of::<Ray>() == 32);
-    assert!(size_of::<Intersection>() == 64);
+    assert!(size_of::<Intersection>() == 80);
 };

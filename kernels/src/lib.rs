@@ -27,6 +27,7 @@ pub mod displacement;
 pub mod entry;
 pub mod film;
 pub mod hit;
+pub mod instance;
 pub mod interface;
 pub mod math;
 pub mod parallel;

@@ -27,6 +27,8 @@ pub struct TraversalRay {
     pub left_primitive: u32,
     /// See `left_primitive`.
     pub left_cell: u32,
+    /// The instance whose triangle that is.
+    pub left_instance: u32,
 }
 
 impl TraversalRay {
@@ -51,6 +53,7 @@ impl TraversalRay {
             shear: Vec3::new(d.x / d.z, d.y / d.z, 1.0 / d.z),
             left_primitive: MISS,
             left_cell: 0,
+            left_instance: 0,
         }
     }
 
@@ -68,7 +71,12 @@ impl TraversalRay {
     /// The same ray that cannot hit the micro-triangle of `hit`.
     #[inline]
     pub fn leaving(self, hit: Hit) -> Self {
-        TraversalRay { left_primitive: hit.primitive, left_cell: hit.cell, ..self }
+        TraversalRay {
+            left_primitive: hit.primitive,
+            left_cell: hit.cell,
+            left_instance: hit.instance,
+            ..self
+        }
     }
 
     /// `p` relative to the origin, sheared so that the ray runs along the third axis: what all triangles of a

@@ -57,5 +57,7 @@ pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &m
         b2: hit.b2,
         u: surface.uv.x,
         v: surface.uv.y,
+        instance: hit.instance,
+        padding: [0; 3],
     }
 }

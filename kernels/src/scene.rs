@@ -1,8 +1,8 @@
 //! What a kernel sees of a scene: slices over the host's buffers.
 
 use crate::interface::{
-    BvhNode, Displacement, Frame, Material, PointLight, SeamSide, Seams, Tangent, TexelScale, Triangle,
-    Vertex,
+    BvhNode, Displacement, Frame, Instance, Material, PointLight, SeamSide, Seams, Tangent, TexelScale,
+    Triangle, Vertex,
 };
 
 /// The buffers of a scene, as bound by the backend.
@@ -18,9 +18,9 @@ pub struct SceneView<'a> {
     pub texel_scales: &'a [TexelScale],
     /// Base triangles.
     pub triangles: &'a [Triangle],
-    /// The BVH, its root first.
+    /// The BVH, its root first. Of instances the tree over them, then that of each mesh.
     pub nodes: &'a [BvhNode],
-    /// Triangle indices in the order of the BVH's leaves.
+    /// Triangle indices in the order of the BVH's leaves, of instances counted from their mesh's first.
     pub primitives: &'a [u32],
     /// How the height maps displace.
     pub displacements: &'a [Displacement],
@@ -38,6 +38,8 @@ pub struct SceneView<'a> {
     pub materials: &'a [Material],
     /// The lights.
     pub lights: &'a [PointLight],
+    /// The instances; none unless [`Features::instances`].
+    pub instances: &'a [Instance],
 }
 
 /// The switches that decide which code a pipeline holds: values of the modules in
@@ -72,6 +74,8 @@ pub struct Features {
     pub filter: u32,
     /// 1 where N of each triangle follows its distance to the camera.
     pub adaptive: u32,
+    /// 1 where meshes stand in the places of [`Instance`]s, 0 where each triangle stands once, as it is stored.
+    pub instances: u32,
 }
 
 impl Features {
@@ -92,6 +96,7 @@ impl Features {
             self.displacement,
             self.filter,
             self.adaptive,
+            self.instances,
         ]
     }
 }

@@ -7,7 +7,7 @@ use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
 use crate::hit::Hit;
-use crate::interface::{Material, color_format, filter, method, shade, wrap};
+use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::sampler::pcg4d;
@@ -18,9 +18,10 @@ use glam::{UVec4, Vec2, Vec3};
 /// A hit with what shading needs to know of the surface there.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceInteraction {
-    /// The hit point, from the micro-triangle's barycentrics.
+    /// The hit point, from the micro-triangle's barycentrics; in the world, as everything here.
     pub point: Vec3,
-    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane.
+    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane. In an instance what
+    /// rays lose on their way into its space is part of it.
     pub point_error: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
@@ -35,7 +36,7 @@ pub struct SurfaceInteraction {
     /// How much of the map a unit of length shows: the root of the micro-triangle's area in texture coordinates over its
     /// area. 0 where it has no extent in the map.
     pub uv_density: f32,
-    /// Height that the triangle's own map gives there, in model units (seams may decide another), or the vector's length;
+    /// Height that the triangle's own map gives there, in the mesh's units (seams may decide another), or the vector's length;
     /// 0 where nothing is displaced.
     pub height: f32,
 }
@@ -50,7 +51,7 @@ impl SurfaceInteraction {
         let base = BaseTriangle::load(scene, hit.primitive);
         let (b1, b2) = (hit.b1, hit.b2);
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
-        let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive);
+        let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
         let (p, w) = if features.method == method::NONE {
             ([base.p0, base.p1, base.p2], b)
         } else {
@@ -61,7 +62,8 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
-        let area = cross(p[1] - p[0], p[2] - p[0]);
+        let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
+        let area = cross(e1, e2);
         let n = unit(area);
         let ng = if base.flipped { -n } else { n };
         let ns = if features.smooth == 0 {
@@ -73,15 +75,35 @@ impl SurfaceInteraction {
         };
         let uv = base.uv(w);
         let parts = if features.method == method::NONE { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
-        SurfaceInteraction {
+        let uv_area = (base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs();
+        let mut surface = SurfaceInteraction {
             point: interpolate(b, p[0], p[1], p[2]),
             point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng,
             ns,
             uv,
             material: base.material,
-            uv_density: sqrt((base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs() / dot(area, n)) / parts,
+            uv_density: sqrt(uv_area / dot(area, n)) / parts,
             height: if features.method == method::NONE { 0.0 } else { height(&field, &base, w) },
+        };
+        if features.instances != 0 {
+            let instance = at(scene.instances, hit.instance);
+            surface = surface.placed(&instance);
+            let area = cross(instance.world_vector(e1), instance.world_vector(e2));
+            surface.uv_density = sqrt(uv_area / dot(area, surface.ng).abs()) / parts;
+        }
+        surface
+    }
+
+    /// The same of an instance, where this is in its object space; but for `uv_density`.
+    #[inline]
+    fn placed(self, instance: &Instance) -> Self {
+        SurfaceInteraction {
+            point: instance.world_point(self.point),
+            point_error: instance.point_error(self.point, self.point_error),
+            ng: instance.world_normal(self.ng),
+            ns: instance.world_normal(self.ns),
+            ..self
         }
     }
 
@@ -274,10 +296,10 @@ fn occluded(
     traverse(scene, features, &shadow_ray, Query::Any, counts).is_some()
 }
 
-/// A colour of its own for each micro-triangle.
+/// A colour of its own for each micro-triangle of each instance.
 #[inline]
 fn cell_color(hit: Hit) -> Vec3 {
-    let bits = pcg4d(UVec4::new(hit.primitive, hit.cell, 0, 0));
+    let bits = pcg4d(UVec4::new(hit.primitive, hit.cell, hit.instance, 0));
     let channel = |x: u32| 0.15 + 0.8 * (x >> 24) as f32 / 255.0;
     Vec3::new(channel(bits.x), channel(bits.y), channel(bits.z))
 }
@@ -465,7 +487,7 @@ mod tests {
 
     #[test]
     fn undisplaced_surface_is_smooth_by_its_vertex_normals() {
-        let hit = Hit { t: 5.0, primitive: 0, cell: 0, b1: 0.25, b2: 0.5 };
+        let hit = Hit { t: 5.0, primitive: 0, b1: 0.25, b2: 0.5, ..Hit::NONE };
         let smooth = Features { smooth: 1, ..FLAT };
         for scene in [pillow(), pillow().flipped()] {
             let surface = SurfaceInteraction::new(&scene.view(), smooth, hit);

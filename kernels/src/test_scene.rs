@@ -1,8 +1,8 @@
 //! Small scenes for unit tests.
 
 use crate::interface::{
-    BvhNode, Camera, Displacement, FLIPPED, Frame, Material, NO_SEAMS, PointLight, SeamSide, Seams, Tangent,
-    TexelScale, Triangle, Vertex, height_format, method,
+    BvhNode, Camera, Displacement, FLIPPED, Frame, Instance, Material, NO_SEAMS, PointLight, SeamSide, Seams,
+    Tangent, TexelScale, Triangle, Vertex, height_format, method,
 };
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
@@ -25,6 +25,7 @@ pub(crate) struct TestScene {
     pub(crate) color_texels: Vec<u32>,
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Vec<PointLight>,
+    pub(crate) instances: Vec<Instance>,
 }
 
 /// The undisplaced method, lit, without shadows.
@@ -43,6 +44,7 @@ pub(crate) const FLAT: Features = Features {
     displacement: 0,
     filter: 0,
     adaptive: 0,
+    instances: 0,
 };
 
 impl TestScene {
@@ -120,6 +122,7 @@ impl TestScene {
             color_texels: &self.color_texels,
             materials: &self.materials,
             lights: &self.lights,
+            instances: &self.instances,
         }
     }
 }

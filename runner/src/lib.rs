@@ -9,6 +9,7 @@ pub mod colors;
 pub mod framing;
 pub mod height_levels;
 pub mod heights;
+pub mod instances;
 pub mod picture;
 pub mod render;
 pub mod scene;

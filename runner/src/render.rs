@@ -7,15 +7,17 @@ use crate::colors::Colors;
 use crate::framing::{self, Framing, FramingError, View};
 use crate::height_levels::texel_scales;
 use crate::heights::{self, Heights, Reading};
+use crate::instances::{self, Part};
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::subdivisions::Viewpoint;
-use emboss_kernels::interface::{FilmPixel, Frame, PointLight, Triangle};
+use emboss_kernels::interface::{FilmPixel, Frame, Instance, PointLight, Triangle};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -33,6 +35,8 @@ pub struct Scene {
     ///
     /// [`Triangle::material`]: emboss_kernels::interface::Triangle::material
     pub materials: Vec<Material>,
+    /// The meshes that the mesh is made of, where they have places of their own; else none: it stands as it is.
+    pub parts: Vec<Part>,
     /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS). Where N is
     /// [adaptive](Settings::adaptive) the greatest, a power of two.
     pub subdivisions: u32,
@@ -54,15 +58,24 @@ pub struct Job {
 }
 
 impl Job {
-    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`.
+    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`, of instances in their own
+    /// spaces.
     ///
     /// # Errors
     /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
     /// camera as asked for.
     pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<(), RenderError> {
-        check_extent(boxes)?;
+        let mut boxes = Cow::Borrowed(boxes);
+        if !self.buffers.instances.is_empty() {
+            let instances = &self.buffers.instances;
+            for mesh in instances::meshes(instances) {
+                check_extent(instances::boxes_of(mesh, &boxes))?;
+            }
+            boxes = Cow::Owned(instances::world_boxes(instances, &boxes));
+        }
+        check_extent(&boxes)?;
         let aspect = f64::from(self.frame.width) / f64::from(self.frame.height);
-        let framing = framing::frame(&self.view, boxes, aspect)?;
+        let framing = framing::frame(&self.view, &boxes, aspect)?;
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
         Ok(())
@@ -81,22 +94,35 @@ pub struct Cuts {
 }
 
 impl Job {
-    /// How finely the triangles are cut, seen by the job's camera. Of no triangles N is the greatest.
+    /// How finely the triangles are cut, of each instance for itself, seen by the job's camera. Of no triangles N is the
+    /// greatest.
     pub fn cuts(&self) -> Cuts {
         let viewpoint = Viewpoint::new(&self.frame);
-        let n_of = |triangle: &Triangle| {
+        let SceneBuffers { triangles, vertices, instances, .. } = &self.buffers;
+        let n_of = |viewpoint: &Viewpoint, triangle: &Triangle| {
             if self.features.adaptive == 0 {
                 return self.frame.subdivisions;
             }
-            let [a, b, c] = triangle.vertices.map(|v| self.buffers.vertices[v as usize].position);
+            let [a, b, c] = triangle.vertices.map(|v| vertices[v as usize].position);
             viewpoint.subdivisions(a, b, c).triangle
         };
         let none = Cuts { least: u32::MAX, greatest: 0, micro_triangles: 0 };
-        let cuts = self.buffers.triangles.iter().map(n_of).fold(none, |cuts, n| Cuts {
+        let add = |cuts: Cuts, n: u32| Cuts {
             least: cuts.least.min(n),
             greatest: cuts.greatest.max(n),
             micro_triangles: cuts.micro_triangles + u64::from(n).pow(2),
-        });
+        };
+        let cuts = if instances.is_empty() {
+            triangles.iter().map(|triangle| n_of(&viewpoint, triangle)).fold(none, add)
+        } else {
+            let of_instance = |instance: &Instance| {
+                let viewpoint = viewpoint.within(instance);
+                let first = instance.first_triangle as usize;
+                let mesh = &triangles[first..first + instance.triangle_count as usize];
+                mesh.iter().map(move |triangle| n_of(&viewpoint, triangle))
+            };
+            instances.iter().flat_map(of_instance).fold(none, add)
+        };
         let most = self.frame.subdivisions;
         Cuts {
             least: cuts.least.min(most),
@@ -171,6 +197,14 @@ pub enum RenderError {
         /// Words of 32 bits.
         words: u64,
     },
+    /// A part has a place that floats cannot compute with.
+    #[error(
+        "a transform of part {part} takes directions to nothing, to infinity or almost to each other; change it"
+    )]
+    Transform {
+        /// Which part.
+        part: usize,
+    },
     /// The grid walk takes heights alone.
     #[error(
         "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
@@ -215,7 +249,8 @@ fn available_memory() -> Option<u64> {
 /// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs its
 /// maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let Scene { mut mesh, reliefs, materials, subdivisions } = scene;
+    let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
+    let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
     if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
         return Err(RenderError::WalkOfVectors);
     }
@@ -254,6 +289,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         displacement: settings.displacement.id(),
         filter: settings.filter.id(),
         adaptive: u32::from(settings.adaptive.is_some() && settings.method != Method::None),
+        instances: u32::from(!instances.is_empty()),
     };
     let detail = |pixels| framing::detail(&settings.view, settings.width, settings.height, pixels);
     let (height_min, height_max) = heights::range(&heights.displacements, features);
@@ -283,6 +319,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         seam_sides: seams.sides,
         color_texels: colors.texels,
         materials: colors.materials,
+        instances,
         ..SceneBuffers::default()
     };
     Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })
@@ -383,6 +420,7 @@ mod tests {
             mesh: builtin.mesh,
             reliefs: vec![Relief::new(builtin.height, builtin.zero, builtin.scale)],
             materials: vec![builtin.color.into()],
+            parts: vec![],
             subdivisions: 4,
         }
     }

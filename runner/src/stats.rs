@@ -12,9 +12,11 @@ use std::time::Duration;
 /// Statistics of a rendering. Times are in milliseconds, sizes in bytes.
 #[derive(Clone, Debug, Serialize)]
 pub struct Stats {
-    /// Base triangles.
+    /// Base triangles, those of a mesh that has instances once.
     pub triangles: u64,
-    /// Micro-triangles of the surface: N² for each base triangle. None of them is stored.
+    /// Places in which meshes stand; 0 where each triangle stands once, as it is.
+    pub instances: u64,
+    /// Micro-triangles of the surface: N² for each base triangle, in each of its places. None of them is stored.
     pub micro_triangles: u64,
     /// The least N of a triangle.
     pub n_least: u32,
@@ -53,7 +55,7 @@ pub struct Bytes {
     pub vertices: u64,
     /// Base triangles.
     pub triangles: u64,
-    /// Nodes of the BVH.
+    /// Nodes of the BVH, of instances those of all trees.
     pub nodes: u64,
     /// Order of the triangles in the BVH's leaves.
     pub primitives: u64,
@@ -69,6 +71,8 @@ pub struct Bytes {
     pub materials: u64,
     /// Lights.
     pub lights: u64,
+    /// Instances.
+    pub instances: u64,
     /// Sums of samples.
     pub film: u64,
 }
@@ -181,6 +185,7 @@ impl Stats {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         Stats {
             triangles,
+            instances: job.buffers.instances.len() as u64,
             micro_triangles: cuts.micro_triangles,
             n_least: cuts.least,
             n_greatest: cuts.greatest,
@@ -251,6 +256,7 @@ impl Bytes {
             color_texels: bytes(&buffers.color_texels),
             materials: bytes(&buffers.materials),
             lights: bytes(&buffers.lights),
+            instances: bytes(&buffers.instances),
             film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
         }
     }

@@ -539,7 +539,7 @@ fn models_stand_where_their_transforms_put_them() {
 
 #[test]
 fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
-    let cases: [(&str, &str); 33] = [
+    let cases: [(&str, &str); 99] = [
         ("", "1: the scene has no model; add one"),
         ("[render]\nwidth = 5\n", "3: the scene has no model"),
         ("[render]\nwidht = 5\n", "2: unknown field `widht`, expected one of `width`, `height`"),
@@ -591,6 +591,23 @@ fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
             "[material.m]\n[[model]]\npath = \"two.obj\"\nmaterial = { c = \"m\" }\n",
             "2: the model has no material `c`; it has a, b",
         ),
+        (
+            "[[model]]\nname = \"a\"\nbuiltin = \"cube\"\n[[instance]]\nmodel = \"b\"\n",
+            "5: there is no model `b`; write name = \"b\" in its [[model]], or choose a",
+        ),
+        (
+            "[[model]]\nname = \"a\"\nbuiltin = \"cube\"\n[[model]]\nname = \"a\"\nbuiltin = \"knot\"\n",
+            "5: there is another model `a`; give each",
+        ),
+        ("[[model]]\nbuiltin = \"cube\"\n[[instance]]\nscale = 2\n", "3: missing field `model`"),
+        (
+            "[[model]]\nname = \"a\"\nbuiltin = \"cube\"\n[[instance]]\nmodel = \"a\"\nscale = [1, 0, 1]\n",
+            "6: a scale of 0 leaves nothing",
+        ),
+        (
+            "[[model]]\nname = \"a\"\nbuiltin = \"cube\"\n\n[[instance]]\nmodel = \"a\"\nscale = 1e-35\n",
+            "5: the instance is too small, too large or too far away",
+        ),
     ];
     for (scene, message) in cases {
         let place = scene_place(scene);
@@ -627,12 +644,44 @@ fn what_a_scene_file_names_is_named_with_its_line() {
 }
 
 #[test]
-fn the_example_scene_renders() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/scenes/table.toml");
-    let place = Place::new();
-    let run = place.render(&[path]).succeeded();
-    assert!(run.stdout.contains("N      48  (from the scene file)"), "{}", run.stdout);
-    assert!(alphas(&place.path("out.png")).iter().all(|&alpha| alpha == 255), "it has a background");
+fn the_example_scenes_render() {
+    for (name, n) in [("table", 48), ("rings", 16)] {
+        let path = format!("{}/../docs/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        let place = Place::new();
+        let run = place.render(&[&path]).succeeded();
+        assert!(run.stdout.contains(&format!("N      {n}  (from the scene file)")), "{}", run.stdout);
+        assert!(alphas(&place.path("out.png")).iter().all(|&alpha| alpha == 255), "it has a background");
+    }
+}
+
+/// A model that has instances is shown by them alone, each stored once; what it costs is told.
+#[test]
+fn instances_show_their_model_in_their_places() {
+    let model = "[[model]]\nname = \"a\"\nbuiltin = \"cube\"\n";
+    let at = |x: i32| format!("[[instance]]\nmodel = \"a\"\ntranslate = [{x}, 0, 0]\n");
+    let picture = "[render]\nwidth = 24\nheight = 9\nsamples = 1\nn = 2\n\
+                   [camera]\neye = [0, 0, 20]\ntarget = [0, 0, 0]\nfov = 15\n";
+    let scene = format!("{picture}{model}translate = [0, 0, -90]\n{}{}", at(-3), at(3));
+    // The model's own transform comes first: it takes the instances along.
+    let near = scene.replace("-90", "0");
+    let shown = |scene: &str| {
+        let place = Place::new().with("scene.toml", scene);
+        let options = ["render", "scene.toml", "--backend=cpu", "--output=out.png", "--stats=stats.json"];
+        place.run(&options).succeeded();
+        let stats: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(place.path("stats.json")).expect("written")).expect("JSON");
+        (alphas(&place.path("out.png")), stats)
+    };
+    let (alphas, stats) = shown(&near);
+    let column = |x: usize| (0..9).any(|y| alphas[24 * y + x] > 0);
+    assert!(column(5) && column(18) && !column(11) && !column(12), "{alphas:?}");
+    let number = |key: &str| stats.pointer(key).and_then(serde_json::Value::as_u64).expect(key);
+    assert_eq!((number("/triangles"), number("/instances")), (12, 2));
+    assert_eq!(number("/micro_triangles"), 2 * 12 * number("/settings/N").pow(2));
+    assert_eq!(number("/bytes/instances"), 2 * 112);
+    // Of two instances, and of twelve triangles.
+    assert_eq!(number("/bytes/nodes"), (3 + 23) * 32);
+    assert!(shown(&scene).0.iter().filter(|&&alpha| alpha > 0).count() < 24, "it is far away");
 }
 
 // Vector maps.

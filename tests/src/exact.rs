@@ -423,7 +423,7 @@ pub fn patchwork(seed: u64, formats: [u32; 2], subdivisions: u32) -> Scene {
         let map = HeightMap { width, height, format, texels, range: (0.0, 1.0), replaced: 0 };
         Relief::new(map, [0.5, 0.2][i], [0.3, -0.2][i])
     });
-    Scene { mesh, reliefs: reliefs.into(), materials: vec![Material::default()], subdivisions }
+    Scene { mesh, reliefs: reliefs.into(), materials: vec![Material::default()], parts: vec![], subdivisions }
 }
 
 /// Packed texels between 0 and 1.

@@ -58,6 +58,33 @@ pub struct Oracle {
     rounding: Rounding,
 }
 
+/// A ray in numbers that f32 does not have.
+#[derive(Clone, Copy, Debug)]
+pub struct WideRay {
+    /// Where it starts.
+    pub origin: DVec3,
+    /// Where it goes, of any length.
+    pub direction: DVec3,
+    /// Its end, in lengths of the direction.
+    pub t_max: f64,
+    /// By how much the ray that f32 traces may be beside it where it starts, and by how much along it.
+    pub start_error: f64,
+    /// How far that ray's direction may be turned, as a tangent; distances may be off by as much of themselves.
+    pub slope_error: f64,
+}
+
+impl From<&Ray> for WideRay {
+    fn from(ray: &Ray) -> WideRay {
+        WideRay {
+            origin: ray.origin.as_dvec3(),
+            direction: ray.direction.as_dvec3(),
+            t_max: ray.t_max.into(),
+            start_error: 0.0,
+            slope_error: 0.0,
+        }
+    }
+}
+
 /// Everything that a ray comes near to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
@@ -123,8 +150,17 @@ impl Oracle {
 
     /// All that the ray's line comes near to.
     pub fn trace(&self, ray: &Ray) -> Answer {
-        let line = Line::new(ray);
-        let errors = self.errors(&line);
+        self.trace_wide(&ray.into())
+    }
+
+    /// The same of a ray that f32 does not trace as it is.
+    pub fn trace_wide(&self, ray: &WideRay) -> Answer {
+        let line = Line::new(ray.origin, ray.direction);
+        let mut errors = self.errors(&line);
+        let Box3 { centre, half } = self.bounds;
+        let moved = ray.start_error + ray.slope_error * ((centre - line.origin).abs() + half).length();
+        errors.lateral += moved;
+        errors.depth += moved;
         let mut meetings = Vec::new();
         // The boxes' own rounding, in f64, is far below a thousandth of errors that are f32's.
         self.tree.visit(&line, 1.001 * (errors.lateral + errors.depth), |block| {
@@ -143,12 +179,12 @@ impl Oracle {
         }
     }
 
-    fn answer(&self, ray: &Ray, line: &Line, errors: Errors, mut meetings: Vec<Meeting>) -> Answer {
+    fn answer(&self, ray: &WideRay, line: &Line, errors: Errors, mut meetings: Vec<Meeting>) -> Answer {
         meetings.sort_by(|a, b| (a.t, a.base, a.cell).partial_cmp(&(b.t, b.base, b.cell)).unwrap_or(Equal));
         Answer {
             meetings,
             lateral_error: errors.lateral,
-            t_max: f64::from(ray.t_max) * line.length,
+            t_max: ray.t_max * line.length,
             direction_length: line.length,
         }
     }
@@ -195,7 +231,7 @@ mod tests {
 
     /// All that [`Oracle::trace`] finds, without its tree.
     fn by_plain_loop(oracle: &Oracle, ray: &Ray) -> Answer {
-        let line = Line::new(ray);
+        let line = Line::new(ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let errors = oracle.errors(&line);
         let mut meetings = Vec::new();
         for piece in &oracle.pieces {
@@ -203,7 +239,7 @@ mod tests {
                 line.add_meetings(piece, block, errors, &mut meetings);
             }
         }
-        oracle.answer(ray, &line, errors, meetings)
+        oracle.answer(&ray.into(), &line, errors, meetings)
     }
 
     #[test]

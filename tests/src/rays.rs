@@ -141,14 +141,14 @@ impl<'a> RaySource<'a> {
 
     fn micro_vertex(&self, primitive: u32, j: u32, k: u32) -> Vec3 {
         let view = self.job.view();
-        let field = HeightField::new(&view, self.job.features).of_triangle(&view, primitive);
+        let field = HeightField::new(&view, self.job.features).of_triangle(&view, primitive, 0);
         BaseTriangle::load(&view, primitive).micro_vertex(&field, j, k)
     }
 
     /// N of a triangle.
     fn n_of(&self, primitive: u32) -> u32 {
         let view = self.job.view();
-        HeightField::new(&view, self.job.features).of_triangle(&view, primitive).subdivisions
+        HeightField::new(&view, self.job.features).of_triangle(&view, primitive, 0).subdivisions
     }
 
     /// Point and unit normal of the base mesh.
@@ -232,7 +232,7 @@ impl<'a> LeakRays<'a> {
 
     /// The heights over a triangle, as it is cut.
     fn field(&self, primitive: u32) -> HeightField<'a> {
-        self.field.of_triangle(&self.view, primitive)
+        self.field.of_triangle(&self.view, primitive, 0)
     }
 
     /// The point of an edge of the base mesh that is a share `s` away from its start.
@@ -396,7 +396,7 @@ impl<'a> HardRays<'a> {
 
     /// The corners of a micro-triangle, in any order.
     fn micro_triangle(&mut self, base: &BaseTriangle) -> [Vec3; 3] {
-        let field = self.field.of_triangle(&self.view, base.primitive);
+        let field = self.field.of_triangle(&self.view, base.primitive, 0);
         let n = field.subdivisions;
         let j = self.numbers.below(n);
         let k = self.numbers.below(n - j);

@@ -2,6 +2,7 @@
 
 use crate::Numbers;
 use emboss::backend::host_scene::HostScene;
+use emboss::bvh::Bvh;
 use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
@@ -31,6 +32,7 @@ pub fn builtin(name: &str) -> Scene {
         mesh,
         reliefs: vec![Relief::new(height, zero, scale)],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions,
     }
 }
@@ -43,7 +45,7 @@ pub fn mushroom(subdivisions: u32) -> Scene {
     let builtin = builtin::load("builtin:mushroom").expect("a built-in scene");
     let maps = builtin.sideways.expect("its map is of vectors").into_iter().chain([builtin.height]);
     let reliefs = maps.map(|map| Relief::new(map, builtin.zero, builtin.scale)).collect();
-    Scene { mesh: builtin.mesh, reliefs, materials: vec![Material::default()], subdivisions }
+    Scene { mesh: builtin.mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions }
 }
 
 /// The scene with vector maps for its height maps: two more of random texels to each, of its size and format, and of the same
@@ -80,6 +82,7 @@ pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> 
         mesh: builtin.mesh,
         reliefs: vec![Relief::new(builtin.height, builtin.zero, builtin.scale)],
         materials: vec![builtin.color.into()],
+        parts: vec![],
         subdivisions,
     };
     let view = View { from: builtin.view, usual_up: builtin.up, ..View::default() };
@@ -159,6 +162,11 @@ impl ReadyJob {
         self.scene.boxes()
     }
 
+    /// The tree over them, or the trees.
+    pub fn bvh(&self) -> &Bvh {
+        self.scene.bvh()
+    }
+
     /// The box around the displaced model.
     pub fn bounds(&self) -> Aabb {
         self.scene.bvh().bounds()
@@ -225,6 +233,7 @@ pub fn tiles() -> Scene {
             0.1,
         )],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions: 1,
     }
 }
@@ -257,6 +266,7 @@ pub fn checkered_sheet() -> Scene {
             0.1,
         )],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions: 1,
     }
 }
@@ -287,6 +297,7 @@ pub fn random_solid(numbers: &mut Numbers, format: u32, spread: f32) -> Scene {
             size * numbers.between(-0.4, 0.4),
         )],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions: 1 + numbers.below(6),
     }
 }

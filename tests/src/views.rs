@@ -53,7 +53,7 @@ pub fn rough(placed: &Placed, kind: DisplacementKind, second_map: bool, numbers:
         (0..components).map(|_| Relief::new(map.map(numbers), 0.0, scale)).collect::<Vec<_>>()
     };
     let reliefs = maps.iter().flat_map(relief).collect();
-    Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: 1 }
+    Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions: 1 }
 }
 
 /// An eye next to a vertex of the mesh, `away` times the size of its box from it: some triangles are near, most are far.

@@ -45,7 +45,7 @@ fn polylines(job: &ReadyJob) -> HashMap<[[u32; 3]; 2], Vec<Vec<[u32; 3]>>> {
     let whole = HeightField::new(&view, job.features);
     let mut polylines: HashMap<_, Vec<_>> = HashMap::new();
     for primitive in 0..view.frame.triangle_count {
-        let field = whole.of_triangle(&view, primitive);
+        let field = whole.of_triangle(&view, primitive, 0);
         let (base, n) = (BaseTriangle::load(&view, primitive), field.subdivisions);
         for (edge, ends) in [(0, [1, 2]), (1, [0, 2]), (2, [0, 1])] {
             let point = |m: u32| [(n - m, m), (0, m), (m, 0)][edge];

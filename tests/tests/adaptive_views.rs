@@ -112,7 +112,7 @@ fn areas(job: &ReadyJob, every: u32) -> Vec<f64> {
     let whole = HeightField::new(&view, job.features);
     let mut areas = Vec::new();
     for primitive in 0..view.frame.triangle_count {
-        let field = whole.of_triangle(&view, primitive);
+        let field = whole.of_triangle(&view, primitive, 0);
         let (base, n) = (BaseTriangle::load(&view, primitive), field.subdivisions);
         for j in 0..n {
             for k in (0..n - j).filter(|k| n <= every || (j + 7 * k) % every == 0) {

@@ -150,6 +150,7 @@ fn quadtree_finds_a_hit_across_a_micro_vertex() {
                     -0.14865246,
                 )],
                 materials: vec![Material::default()],
+                parts: vec![],
                 subdivisions,
             },
             Wrap::Repeat,
@@ -199,7 +200,14 @@ fn leaving_outwards(job: &ReadyJob, seed: u64, count: usize) -> Vec<(Intersectio
 /// that it leaves.
 fn hit_again(job: &ReadyJob, method: u32, left: &Intersection, ray: &Ray) -> Hit {
     let scene = job.view();
-    let left = Hit { t: left.t, primitive: left.primitive, cell: left.cell, b1: left.b1, b2: left.b2 };
+    let left = Hit {
+        t: left.t,
+        primitive: left.primitive,
+        cell: left.cell,
+        b1: left.b1,
+        b2: left.b2,
+        instance: left.instance,
+    };
     let ray = TraversalRay::new(ray.origin, ray.direction, ray.t_max).leaving(left);
     let features = Features { method, ..job.features };
     traverse(&scene, features, &ray, Query::Nearest, &mut Counts::default())

@@ -136,6 +136,7 @@ fn spheres() {
         mesh: scene::mesh(count),
         reliefs: vec![flat],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions: 1,
     };
     let settings = Settings {

@@ -130,6 +130,6 @@ fn zeros_of_both_signs_are_the_same() {
     let format = height_format::FLOAT32;
     let map = HeightMap { width: 4, height: 1, format, texels, range: (0.0, 1.0), replaced: 0 };
     let reliefs = vec![Relief::new(map, 0.0, 0.3)];
-    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: 2 };
+    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions: 2 };
     court(&mut CpuBackend::new()).judge_job("tent", &scenes::ready(scene, Wrap::Clamp), 1, 10_000);
 }

@@ -69,7 +69,13 @@ fn bumpy_sphere(side: u32, height: f32, distance: f32, filter: Filter, samples: 
     let format = height_format::FLOAT32;
     let map = HeightMap { width: side, height: side, format, texels, range: (0.0, 1.0), replaced: 0 };
     let reliefs = vec![Relief::new(map, 0.0, height)];
-    let scene = Scene { mesh: solid.mesh, reliefs, materials: vec![Material::default()], subdivisions: 64 };
+    let scene = Scene {
+        mesh: solid.mesh,
+        reliefs,
+        materials: vec![Material::default()],
+        parts: vec![],
+        subdivisions: 64,
+    };
     let settings =
         Settings { filter, width: SIZE, height: SIZE, ambient: 0.1, shadows: false, ..Settings::default() };
     let mut job = job(scene, &settings);

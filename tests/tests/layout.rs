@@ -7,7 +7,7 @@
 use emboss_kernels::bvh::scan::GROUP_SIZE;
 use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
-    BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame,
+    BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Instance,
     Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE,
     Tangent, TexelScale, Tile, Triangle, Vertex, binding, spec,
 };
@@ -133,7 +133,8 @@ shared! {
     FilmPixel { radiance, alpha, samples }
     Counter { low, high }
     Ray { origin, t_max, direction, padding }
-    Intersection { point, t, normal, primitive, point_error, cell, b1, b2, u, v }
+    Intersection { point, t, normal, primitive, point_error, cell, b1, b2, u, v, instance, padding }
+    Instance { world_from_object, object_from_world, first_node, first_triangle, triangle_count, stretch }
 }
 
 /// The numbers of a field; its type is that of what `_read` returns.
@@ -193,6 +194,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::MATERIALS, Material::many()),
         (binding::TANGENTS, Tangent::many()),
         (binding::TEXEL_SCALES, TexelScale::many()),
+        (binding::INSTANCES, Instance::many()),
     ]
 }
 

@@ -62,7 +62,10 @@ fn displaced(placed: &Placed, how: Displaced, numbers: &mut Numbers) -> ReadyJob
     let Displaced { displacement, normals, weld, wrap, filter, subdivisions, .. } = how;
     let settings =
         Settings { displacement, normals, weld, wrap, filter, width: 1, height: 1, ..Settings::default() };
-    let mut job = job(Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions }, &settings);
+    let mut job = job(
+        Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions },
+        &settings,
+    );
     if filter == Filter::Trilinear {
         job.look_from_near();
     }

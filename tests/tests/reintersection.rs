@@ -55,7 +55,14 @@ fn corners(job: &ReadyJob, primitive: u32, cell: u32) -> [DVec3; 3] {
 
 /// Lets a ray leave a hit and counts what it meets.
 fn leave(job: &ReadyJob, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
-    let left = Hit { t: hit.t, primitive: hit.primitive, cell: hit.cell, b1: hit.b1, b2: hit.b2 };
+    let left = Hit {
+        t: hit.t,
+        primitive: hit.primitive,
+        cell: hit.cell,
+        b1: hit.b1,
+        b2: hit.b2,
+        instance: hit.instance,
+    };
     let [a, b, c] = corners(job, hit.primitive, hit.cell);
     let normal = (b - a).cross(c - a);
     let direction = ray.direction.as_dvec3();
@@ -121,6 +128,7 @@ fn displaced(solid: &Solid, scale: f64, offset: f64, map: WildMap, n: u32, norma
         mesh: placed.mesh,
         reliefs: vec![relief],
         materials: vec![Material::default()],
+        parts: vec![],
         subdivisions: n,
     };
     job(scene, &Settings { normals, width: 1, height: 1, ..Settings::default() })

@@ -42,7 +42,7 @@ fn somewhere(job: &ReadyJob, numbers: &mut Numbers) -> Hit {
     let primitive = numbers.below(job.frame.triangle_count);
     let (w, b) = (numbers.barycentric(), numbers.barycentric());
     let cell = Cell::containing(w.y, w.z, job.frame.subdivisions).pack();
-    Hit { t: 0.0, primitive, cell, b1: b.y, b2: b.z }
+    Hit { t: 0.0, primitive, cell, b1: b.y, b2: b.z, instance: 0 }
 }
 
 /// What became of the normals that were compared.
@@ -177,6 +177,7 @@ fn light_inside_a_closed_mesh_stays_there() {
                 mesh: placed.mesh.clone(),
                 reliefs: vec![Relief::new(map.map(&mut numbers), 0.5, scale)],
                 materials: vec![Material::default()],
+                parts: vec![],
                 subdivisions,
             };
             let light = Light { position: placed.inside[0], color: Vec3::ONE, intensity: Some(1.0) };

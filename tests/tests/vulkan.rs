@@ -171,6 +171,7 @@ fn scene_with_every_buffer_loads() {
         height_texels: vec![0; 5 << 20],
         color_texels: vec![0; 1024],
         materials: vec![Material::default()],
+        instances: vec![],
         lights: vec![PointLight::default()],
         tangents: vec![Tangent::default(); 3],
         texel_scales: vec![],

@@ -46,6 +46,7 @@ fn monsterfrog(data: &Path, subdivisions: u32) -> (Scene, Settings) {
             mesh,
             reliefs: vec![Relief::new(height_map, 0.5, 0.5)],
             materials: vec![color_map.into()],
+            parts: vec![],
             subdivisions,
         },
         square(),

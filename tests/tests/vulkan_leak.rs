@@ -51,7 +51,7 @@ fn scene(turn: usize, (name, solid): &(&str, Solid), (scale, offset): (f64, f64)
     let normals = [Normals::Normalized, Normals::Linear][turn % 2];
     let wrap = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror][turn % 3];
     let settings = Settings { normals, wrap, width: 1, height: 1, ..Settings::default() };
-    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: n };
+    let scene = Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions: n };
     let what = format!("{name}, scale {scale}, offset {offset}, N = {n}");
     let dear = offset > 1e4 || n > 1000 || offset > 1.0 && n == 1000;
     let share = if dear { 1 } else { 10 };

@@ -29,6 +29,7 @@ const ALL: Features = Features {
     displacement: displacement_kind::HEIGHT,
     filter: filter::TRILINEAR,
     adaptive: 0,
+    instances: 1,
 };
 
 /// What is left of an entry point.
@@ -105,6 +106,13 @@ fn scenes_without_seams_have_no_code_for_them() {
             assert!(without.instructions < with.instructions, "{entry_point}: {with:?}, {without:?}");
         }
     }
+}
+
+#[test]
+fn scenes_without_instances_have_no_code_for_them() {
+    let [with, without] = [1, 0].map(|instances| specialized("render", Features { instances, ..ALL }));
+    assert_unread(&with, &without, &[binding::INSTANCES]);
+    assert!(without.instructions < with.instructions, "{with:?}, {without:?}");
 }
 
 #[test]

@@ -69,7 +69,13 @@ fn closed_meshes_stay_closed() {
                 let map = WildMap::Noise.map(&mut numbers);
                 let relief = Relief::new(map, 0.0, scale);
                 let (mesh, reliefs) = (placed.mesh.clone(), vec![relief]);
-                let scene = Scene { mesh, reliefs, materials: vec![Material::default()], subdivisions: n };
+                let scene = Scene {
+                    mesh,
+                    reliefs,
+                    materials: vec![Material::default()],
+                    parts: vec![],
+                    subdivisions: n,
+                };
                 let scene = with_vectors(scene, &mut numbers);
                 let settings = Settings { displacement, weld, width: 1, height: 1, ..Settings::default() };
                 let job = job(scene, &settings);

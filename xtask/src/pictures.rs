@@ -8,6 +8,7 @@ const PICTURES: &[(&str, &[&str])] = &[
     ("assets/knot.png", &["builtin:knot", "--size", "960x720"]),
     ("assets/knot-undisplaced.png", &["builtin:knot", "--size", "960x720", "--method", "none"]),
     ("assets/mushroom.png", &["builtin:mushroom", "--size", "720x360"]),
+    ("assets/rings.png", &["docs/scenes/rings.toml"]),
     ("assets/smooth-off.png", &["builtin:cube", "-", "-", "-", "0.05", "4", "--size", "400x300"]),
     ("assets/smooth-on.png", &["builtin:cube", "-", "-", "-", "0.05", "4", "--size", "400x300", "--smooth"]),
     ("assets/weld-on.png", &["builtin:cube", "--size", "480x360"]),

@@ -7,7 +7,7 @@
 //! powers of two, so that a place on the edge has the same weights whatever it is counted in.
 
 use crate::displacement::cell::Cell;
-use crate::interface::Frame;
+use crate::interface::{Frame, Instance};
 use crate::math::dot;
 use glam::Vec3;
 
@@ -47,6 +47,19 @@ impl Viewpoint {
             // The exponent of a power of two.
             most_halvings: ((frame.subdivisions as f32).to_bits() >> 23) - 127,
             pixel: frame.pixel_side(),
+        }
+    }
+
+    /// The same in an instance's object space. Where its transform stretches unevenly a length in the world is as much longer as
+    /// it may be.
+    #[inline]
+    pub fn within(self, instance: &Instance) -> Viewpoint {
+        let stretch = instance.stretch;
+        Viewpoint {
+            eye: instance.object_point(self.eye),
+            detail: self.detail * (stretch * stretch),
+            pixel: self.pixel / stretch,
+            ..self
         }
     }
 

@@ -48,6 +48,8 @@ pub struct HeightField<'a> {
     pub viewpoint: Viewpoint,
     /// Whether N is adaptive.
     is_adaptive: bool,
+    /// Whether meshes are seen in places of their own.
+    is_placed: bool,
     /// Whether any triangle has seams.
     welded: bool,
     /// How maps are read: see [`filter`].
@@ -110,6 +112,7 @@ impl<'a> HeightField<'a> {
             steps: [1, 1, 1],
             viewpoint: Viewpoint::new(scene.frame),
             is_adaptive: features.adaptive != 0,
+            is_placed: features.instances != 0,
             welded: features.seams != 0,
             filter: features.filter,
             texel_scales: scene.texel_scales,
@@ -174,18 +177,22 @@ impl<'a> HeightField<'a> {
         if !(side <= finest(map, texel)) { MOST_ERROR * side } else { 0.0 }
     }
 
-    /// The height field as base triangle `primitive` is cut. Where N is adaptive everything that concerns micro-triangles takes
-    /// this one.
+    /// The height field as base triangle `primitive` is cut and seen in instance number `instance`, which is not read where there
+    /// are none. What concerns micro-triangles takes this one.
     #[inline]
-    pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32) -> Self {
+    pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32, instance: u32) -> Self {
         // Not a choice between two height fields: what is copied as a whole is not known field by field, constants among it.
+        let mut viewpoint = self.viewpoint;
+        if self.is_placed && (self.is_adaptive || self.is_filtered()) {
+            viewpoint = viewpoint.within(&at(scene.instances, instance));
+        }
         let mut cut = Subdivisions::uniform(self.subdivisions);
         if self.is_adaptive {
             let [a, b, c] = at(scene.triangles, primitive).vertices;
             let position = |i: u32| at(scene.vertices, i).position;
-            cut = self.viewpoint.subdivisions(position(a), position(b), position(c));
+            cut = viewpoint.subdivisions(position(a), position(b), position(c));
         }
-        self.cut(cut)
+        HeightField { viewpoint, ..self.cut(cut) }
     }
 
     /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same everywhere.
@@ -559,7 +566,14 @@ impl BaseTriangle {
         if left || !hit.t.is_finite() {
             return nearest;
         }
-        nearest.nearer(Hit { t: hit.t, primitive: self.primitive, cell: packed, b1: hit.b1, b2: hit.b2 })
+        nearest.nearer(Hit {
+            t: hit.t,
+            primitive: self.primitive,
+            cell: packed,
+            b1: hit.b1,
+            b2: hit.b2,
+            ..Hit::NONE
+        })
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far

@@ -332,6 +332,7 @@ mod tests {
             mesh: cube.mesh,
             reliefs: vec![Relief::new(cube.height, cube.zero, cube.scale)],
             materials: vec![cube.color.into()],
+            parts: vec![],
             subdivisions,
         };
         let method = Method::BruteForce;

@@ -6,13 +6,15 @@ use super::{
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
+use crate::instances;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::height_bounds;
 use emboss_kernels::displacement::seams::decide_seams;
 use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
-use emboss_kernels::interface::{Displacement, Frame, PointLight};
+use emboss_kernels::interface::{BvhNode, Displacement, Frame, Instance, PointLight};
 use emboss_kernels::scene::{Features, SceneView};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::time::Instant;
 
 /// What the CPU backend traces, and what tests look at. The default is an empty scene.
@@ -24,11 +26,26 @@ pub struct HostScene {
     features: Features,
     height_ranges: Vec<u32>,
     boxes: Vec<Aabb>,
-    /// The tree as it was built or refitted last, with what it cost when it was built.
-    tree: Option<(Hlbvh, f64)>,
-    /// The same as kernels read it.
+    /// The tree over the boxes, or with instances those of their meshes.
+    trees: Vec<MeshTree>,
+    /// The same as kernels read them, with instances behind the tree over these.
     bvh: Bvh,
     report: BuildReport,
+}
+
+/// The tree over the boxes of some triangles, as it was built or refitted last.
+#[derive(Clone, Debug)]
+struct MeshTree {
+    triangles: Range<usize>,
+    tree: Hlbvh,
+    /// What it cost when it was built.
+    built_cost: f64,
+}
+
+impl MeshTree {
+    fn left_out(&self) -> u32 {
+        u32::try_from(self.triangles.len()).unwrap_or(u32::MAX) - self.tree.sound()
+    }
 }
 
 impl HostScene {
@@ -72,6 +89,7 @@ impl HostScene {
             color_texels: &self.buffers.color_texels,
             materials: &self.buffers.materials,
             lights: &self.buffers.lights,
+            instances: &self.buffers.instances,
         }
     }
 
@@ -85,7 +103,7 @@ impl HostScene {
         &self.boxes
     }
 
-    /// The tree over the boxes.
+    /// The tree over the boxes; with instances as [`Backend::bvh`](super::Backend::bvh).
     pub fn bvh(&self) -> &Bvh {
         &self.bvh
     }
@@ -152,14 +170,14 @@ impl HostScene {
     /// work began.
     fn update_bvh(&mut self, start: Instant) {
         // A triangle that was left out may be sound by now, which a refit would not notice.
-        if self.report.left_out == 0
-            && let Some((tree, built_cost)) = &mut self.tree
-            && tree.refit(&self.boxes)
-            && tree.cost() <= MOST_GROWTH * *built_cost
-        {
-            self.bvh = tree.tree();
-            debug_assert_eq!(self.bvh.validate(&self.boxes).err(), None);
-            self.report = BuildReport { duration: start.elapsed(), refitted: true, ..self.report };
+        let boxes = &self.boxes;
+        let refitted = self.report.left_out == 0
+            && self.trees.iter_mut().all(|MeshTree { triangles, tree, built_cost }| {
+                tree.refit(&boxes[triangles.clone()]) && tree.cost() <= MOST_GROWTH * *built_cost
+            });
+        if refitted {
+            self.join_trees();
+            self.report = BuildReport { duration: start.elapsed(), refitted, ..self.report };
         } else {
             self.build_bvh(start);
         }
@@ -167,14 +185,48 @@ impl HostScene {
 
     /// Builds the tree over the boxes. `start` is when the work began.
     fn build_bvh(&mut self, start: Instant) {
-        let tree = Hlbvh::build(&self.boxes);
-        self.bvh = tree.tree();
-        debug_assert_eq!(self.bvh.validate(&self.boxes).err(), None);
-        let nodes = u32::try_from(self.bvh.nodes.len()).unwrap_or(u32::MAX);
-        let left_out = self.frame.triangle_count - tree.sound();
+        let of_mesh = |mesh: &Instance| {
+            let first = mesh.first_triangle as usize;
+            first..first + mesh.triangle_count as usize
+        };
+        let mut meshes: Vec<_> = instances::meshes(&self.buffers.instances).map(of_mesh).collect();
+        if meshes.is_empty() {
+            meshes.push(0..self.boxes.len());
+        }
+        let built = |triangles: Range<usize>| {
+            let tree = Hlbvh::build(&self.boxes[triangles.clone()]);
+            MeshTree { built_cost: tree.cost(), triangles, tree }
+        };
+        self.trees = meshes.into_iter().map(built).collect();
+        let nodes = self.join_trees();
+        let left_out = self.trees.iter().map(MeshTree::left_out).sum();
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
-        let cost = tree.cost();
-        self.tree = Some((tree, cost));
+    }
+
+    /// Puts the trees where kernels read them. Returns how many nodes they have together.
+    fn join_trees(&mut self) -> u32 {
+        let trees: Vec<Bvh> = self.trees.iter().map(|mesh| mesh.tree.tree()).collect();
+        for (mesh, tree) in self.trees.iter().zip(&trees) {
+            debug_assert_eq!(tree.validate(&self.boxes[mesh.triangles.clone()]).err(), None);
+        }
+        let instances = &self.buffers.instances;
+        let mut count: usize = trees.iter().map(|tree| tree.nodes.len()).sum();
+        if instances.is_empty() {
+            self.bvh = trees.into_iter().next().unwrap_or_default();
+        } else {
+            let bounds: Vec<Aabb> = trees.iter().map(Bvh::bounds).collect();
+            let over = instances::tree_over(instances, &bounds);
+            let mut nodes = vec![BvhNode::default(); instances::node_room(instances) as usize];
+            let mut primitives = vec![0; self.boxes.len()];
+            nodes[..over.len()].copy_from_slice(&over);
+            for ((instance, mesh), tree) in instances::meshes(instances).zip(&self.trees).zip(&trees) {
+                nodes[instance.first_node as usize..][..tree.nodes.len()].copy_from_slice(&tree.nodes);
+                primitives[mesh.triangles.clone()].copy_from_slice(&tree.primitives);
+            }
+            self.bvh = Bvh { nodes, primitives };
+            count += over.len();
+        }
+        u32::try_from(count).unwrap_or(u32::MAX)
     }
 }
 
@@ -192,6 +244,7 @@ fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
         color_texels: copied("the colour maps", &scene.color_texels)?,
         materials: copied("the materials", &scene.materials)?,
         lights: copied("lights", &scene.lights)?,
+        instances: copied("the instances", &scene.instances)?,
     })
 }
 

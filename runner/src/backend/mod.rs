@@ -7,13 +7,14 @@ pub mod vulkan;
 
 use crate::bvh::Bvh;
 use crate::heights;
+use crate::instances;
 use crate::scene::mip_levels;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
 use emboss_kernels::interface::{
-    Displacement, Frame, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS, PointLight, Ray,
-    SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter, displacement_kind, filter,
-    height_format, method, wrap,
+    Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
+    PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
+    displacement_kind, filter, height_format, method, wrap,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -47,6 +48,8 @@ pub struct SceneBuffers {
     pub materials: Vec<Material>,
     /// Lights.
     pub lights: Vec<PointLight>,
+    /// Where meshes stand; none where each triangle stands once, as it is. See [`instances`].
+    pub instances: Vec<Instance>,
 }
 
 impl SceneBuffers {
@@ -61,6 +64,9 @@ impl SceneBuffers {
     pub fn check(&self, frame: &Frame, features: Features) -> Result<(), BackendError> {
         if self.triangles.len() > MAX_PRIMITIVES as usize {
             return Err(BackendError::TooManyTriangles { count: self.triangles.len() });
+        }
+        if self.instances.len() > MAX_PRIMITIVES as usize {
+            return Err(BackendError::TooManyInstances { count: self.instances.len() });
         }
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
         let filtered = features.filter != filter::BILINEAR;
@@ -166,6 +172,10 @@ impl SceneBuffers {
             "there are fewer triangles than the frame says"
         } else if frame.light_count as usize > self.lights.len() {
             FEWER_LIGHTS
+        } else if (features.instances == 0) != self.instances.is_empty() {
+            "there are instances, or none, other than the features say"
+        } else if !instances::are_sound(&self.instances, frame.triangle_count) {
+            "the instances' meshes do not lie one behind the other"
         } else if traced && !self.triangles.iter().all(names_a_map) {
             "a triangle names a height map that is not there"
         } else if traced && !self.displacements.iter().all(height_is_known) {
@@ -350,6 +360,12 @@ pub enum BackendError {
         /// How many.
         count: usize,
     },
+    /// More instances than a BVH holds.
+    #[error("the scene has {count} instances, more than the {MAX_PRIMITIVES} of a BVH; use fewer")]
+    TooManyInstances {
+        /// How many.
+        count: usize,
+    },
     /// The device stopped answering.
     #[error(
         "{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help"
@@ -401,7 +417,8 @@ pub trait Backend {
     /// The box of each triangle's prism: of the displaced triangle with all its micro-triangles.
     fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError>;
 
-    /// The tree over the boxes.
+    /// The tree over the boxes. With instances the tree over them and those of their meshes, as kernels read them: see
+    /// [`instances`].
     fn bvh(&mut self) -> Result<Bvh, BackendError>;
 
     /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
@@ -461,6 +478,7 @@ mod tests {
             height_texels: vec![0; 3],
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
+            instances: vec![],
         };
         let frame = Frame { subdivisions: 1, triangle_count: 1, light_count: 1, ..Frame::default() };
         let features = Features {

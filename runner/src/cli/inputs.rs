@@ -146,6 +146,8 @@ struct Model {
     builtin: Option<Recommended>,
     /// The line of a scene file that gives it other axes: turns it, mirrors it or stretches it.
     turned: Option<usize>,
+    /// Where its instances stand; none: it stands once.
+    places: Vec<DAffine3>,
 }
 
 /// What a built-in scene brings beside its mesh and its material.
@@ -223,7 +225,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
     });
     let mut assembly = Assembly::new(displacement, channels);
-    for Model { mesh, materials, .. } in models {
+    for Model { mesh, materials, places, .. } in models {
         let ids = materials.iter().map(|material| {
             let is_named = material.color == SCENE_FILE || material.height == SCENE_FILE;
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
@@ -232,7 +234,11 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             })
         });
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
-        assembly.add(mesh, &ids);
+        if places.is_empty() {
+            assembly.add(mesh, &ids);
+        } else {
+            assembly.add_placed(mesh, &ids, places);
+        }
     }
     let scene = assembly.finish(subdivisions.most());
     Ok(Inputs { scene, displacement, subdivisions, choices, view, lights })
@@ -290,6 +296,7 @@ fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, Inpu
         ModelSource::Builtin(name) => load_builtin(name)?,
         ModelSource::File(path) => load_file(path).map_err(|error| named_by(scene, model.line, error))?,
     };
+    loaded.places.clone_from(&model.places);
     if model.world_from_model != DAffine3::IDENTITY {
         let moved = loaded.mesh.transformed(model.world_from_model);
         loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
@@ -485,7 +492,14 @@ fn load_file(path: &Path) -> Result<Model, SceneError> {
     let (mesh, materials) = load_obj(path)?;
     let scale = SCALE_SHARE * diagonal(&mesh);
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
-    Ok(Model { name: path.display().to_string(), mesh, materials, builtin: None, turned: None })
+    Ok(Model {
+        name: path.display().to_string(),
+        mesh,
+        materials,
+        builtin: None,
+        turned: None,
+        places: vec![],
+    })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -526,6 +540,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         materials: vec![material],
         builtin: Some(recommended),
         turned: None,
+        places: vec![],
     })
 }
 

@@ -2,8 +2,9 @@
 
 use super::image::{VectorMap, load_color_map, load_height_map, load_vector_map};
 use super::{ColorMap, HeightMap, Material, Mesh, Relief, SceneError};
+use crate::instances::Part;
 use crate::settings::{ChannelOrder, DisplacementKind, Wrap};
-use glam::Vec3;
+use glam::{DAffine3, Vec3};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -69,6 +70,8 @@ pub struct Assembly {
     /// Which channels of vector maps are along which axes.
     channels: ChannelOrder,
     mesh: Mesh,
+    /// Meshes that stand in places of their own.
+    placed: Vec<(Mesh, Vec<DAffine3>)>,
     /// Of vectors three each.
     reliefs: Vec<Relief>,
     materials: Vec<Material>,
@@ -105,6 +108,7 @@ impl Assembly {
             kind,
             channels,
             mesh: Mesh::default(),
+            placed: Vec::new(),
             reliefs: Vec::new(),
             materials: Vec::new(),
             flat: None,
@@ -141,19 +145,23 @@ impl Assembly {
     ///
     /// # Panics
     /// Where they name one that is not there.
-    pub fn add(&mut self, mut mesh: Mesh, materials: &[MaterialId]) {
-        for triangle in &mut mesh.triangles {
-            let MaterialId { relief, material } = materials[triangle.material() as usize];
-            *triangle = triangle.with_material(material);
-            triangle.displacement = relief;
-        }
-        self.mesh.append(mesh);
+    pub fn add(&mut self, mesh: Mesh, materials: &[MaterialId]) {
+        self.mesh.append(with_materials(mesh, materials));
+    }
+
+    /// Adds a mesh that stands in `places` and is stored once; as [`add`](Self::add).
+    ///
+    /// # Panics
+    /// As that.
+    pub fn add_placed(&mut self, mesh: Mesh, materials: &[MaterialId], places: Vec<DAffine3>) {
+        self.placed.push((with_materials(mesh, materials), places));
     }
 
     /// The scene.
     pub fn finish(self, subdivisions: u32) -> crate::render::Scene {
         let parts = self.parts();
-        let Assembly { mesh, mut reliefs, materials, flat, .. } = self;
+        let Assembly { mesh, placed, mut reliefs, materials, flat, .. } = self;
+        let (mesh, instanced) = joined(mesh, placed);
         // A single texel 0 is the same in all formats and under all wraps: it takes those of a real map, so that
         // pipelines need not know of two.
         if let Some(flat) = flat {
@@ -164,7 +172,7 @@ impl Assembly {
                 reliefs[flats].fill(Relief { wrap, ..Relief::new(map, 0.0, 0.0) });
             }
         }
-        crate::render::Scene { mesh, reliefs, materials, subdivisions }
+        crate::render::Scene { mesh, reliefs, materials, parts: instanced, subdivisions }
     }
 
     /// How many reliefs a displacement takes.
@@ -286,6 +294,32 @@ fn warn_of_map(path: &Path, map: &HeightMap) {
     if map.replaced > 0 {
         tracing::warn!("{shown}: {} texels are NaN or infinite; they do not displace", map.replaced);
     }
+}
+
+/// The mesh with its triangles' own materials in the place of indices into `materials`.
+fn with_materials(mut mesh: Mesh, materials: &[MaterialId]) -> Mesh {
+    for triangle in &mut mesh.triangles {
+        let MaterialId { relief, material } = materials[triangle.material() as usize];
+        *triangle = triangle.with_material(material);
+        triangle.displacement = relief;
+    }
+    mesh
+}
+
+/// All meshes one behind the other, and where each stands; nowhere else than it is where none is placed.
+fn joined(mesh: Mesh, placed: Vec<(Mesh, Vec<DAffine3>)>) -> (Mesh, Vec<Part>) {
+    if placed.is_empty() {
+        return (mesh, Vec::new());
+    }
+    let as_it_is = (!mesh.triangles.is_empty()).then(|| (mesh, vec![DAffine3::IDENTITY]));
+    let (mut whole, mut parts) = (Mesh::default(), Vec::new());
+    for (mesh, places) in as_it_is.into_iter().chain(placed) {
+        // Meshes have 32-bit indices.
+        let triangle_count = u32::try_from(mesh.triangles.len()).unwrap_or(u32::MAX);
+        parts.push(Part { triangle_count, places });
+        whole.append(mesh);
+    }
+    (whole, parts)
 }
 
 #[cfg(test)]

@@ -174,6 +174,28 @@ pub enum SceneFileProblem {
         /// The model's materials.
         known: Vec<String>,
     },
+    /// Two models have one name.
+    #[error("there is another model `{name}`; give each model that has instances a name of its own")]
+    TwoModels {
+        /// The name.
+        name: String,
+    },
+    /// An instance is of a model that the file does not have.
+    #[error(
+        "there is no model `{name}`; write name = \"{name}\" in its [[model]], or choose {}",
+        listed(known)
+    )]
+    UnknownModel {
+        /// What the instance names.
+        name: String,
+        /// The names of the file's models.
+        known: Vec<String>,
+    },
+    /// An instance's transform leaves too few digits.
+    #[error(
+        "the instance is too small, too large or too far away for floats to compute with; change scale or translate"
+    )]
+    InstanceTransform,
     /// A model is scaled to nothing.
     #[error("a scale of 0 leaves nothing of the model; write another number, or leave scale out")]
     ZeroScale,

@@ -3,6 +3,7 @@
 
 use super::SceneError;
 use super::error::SceneFileProblem;
+use crate::instances;
 use crate::picture::linear_from_srgb;
 use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
@@ -75,8 +76,10 @@ pub struct SceneModel {
     pub source: ModelSource,
     /// Its materials.
     pub materials: MaterialChoice,
-    /// Where it stands.
+    /// Where it stands; of instances how it is before they place it.
     pub world_from_model: DAffine3,
+    /// Where its instances stand; none: it stands once.
+    pub places: Vec<DAffine3>,
 }
 
 /// Where a model comes from.
@@ -163,7 +166,7 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
         let message = error.message().trim().replace('\n', ", ");
         (error.span().map_or(0, |span| span.start), SceneFileProblem::Toml { message })
     })?;
-    let Document { render, camera, light, material, model } = document;
+    let Document { render, camera, light, material, model, instance } = document;
     let sides = [(render.width, Settings::default().width), (render.height, Settings::default().height)];
     let [width, height] = sides.map(|(side, usual)| u64::from(side.map_or(usual, |side| side.0)));
     if width * height > u32::MAX.into() {
@@ -179,13 +182,34 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
         (name, table.into_inner().material(folder, line(at)))
     };
     let materials: BTreeMap<_, _> = material.into_iter().map(named).collect();
-    let models = model
-        .into_iter()
-        .map(|table| {
-            let at = table.span().start;
-            table.into_inner().model(folder, at, line(at), &materials)
-        })
-        .collect::<Result<_, _>>()?;
+    let mut names: Vec<Option<String>> = Vec::new();
+    let mut models: Vec<SceneModel> = Vec::new();
+    for table in model {
+        let at = table.span().start;
+        let mut table = table.into_inner();
+        let name = table.name.take();
+        if let Some(name) = &name
+            && names.iter().flatten().any(|other| other == name.as_ref())
+        {
+            let at = name.span().start;
+            return Err((at, SceneFileProblem::TwoModels { name: name.as_ref().clone() }));
+        }
+        names.push(name.map(Spanned::into_inner));
+        models.push(table.model(folder, at, line(at), &materials)?);
+    }
+    for table in instance {
+        let at = table.span().start;
+        let InstanceTable { model, translate, rotate, scale } = table.into_inner();
+        let place = transform(scale.as_ref(), rotate, translate)?;
+        let Some(of) = names.iter().position(|name| name.as_ref() == Some(model.as_ref())) else {
+            let (name, known) = (model.as_ref().clone(), names.into_iter().flatten().collect());
+            return Err((model.span().start, SceneFileProblem::UnknownModel { name, known }));
+        };
+        if instances::placed(place).is_none() {
+            return Err((at, SceneFileProblem::InstanceTransform));
+        }
+        models[of].places.push(place);
+    }
     Ok(SceneFile {
         path: path.into(),
         samples: render.samples.map(|samples| samples.0),
@@ -218,6 +242,8 @@ struct Document {
     material: BTreeMap<String, Spanned<MaterialTable>>,
     #[serde(default)]
     model: Vec<Spanned<ModelTable>>,
+    #[serde(default)]
+    instance: Vec<Spanned<InstanceTable>>,
 }
 
 /// `[render]`.
@@ -307,9 +333,20 @@ enum ColorValue {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct ModelTable {
+    name: Option<Spanned<String>>,
     path: Option<String>,
     builtin: Option<Spanned<String>>,
     material: Option<Spanned<MaterialChoice>>,
+    translate: Option<[Number; 3]>,
+    rotate: Option<[Number; 3]>,
+    scale: Option<Spanned<Scale>>,
+}
+
+/// `[[instance]]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InstanceTable {
+    model: Spanned<String>,
     translate: Option<[Number; 3]>,
     rotate: Option<[Number; 3]>,
     scale: Option<Spanned<Scale>>,
@@ -360,7 +397,7 @@ impl ModelTable {
         line: usize,
         materials: &BTreeMap<String, SceneMaterial>,
     ) -> Result<SceneModel, Problem> {
-        let world_from_model = self.transform()?;
+        let world_from_model = transform(self.scale.as_ref(), self.rotate, self.translate)?;
         let source = match (self.path, self.builtin) {
             (Some(path), None) => ModelSource::File(folder.join(path)),
             (None, Some(name)) => {
@@ -380,26 +417,30 @@ impl ModelTable {
             let known = materials.keys().cloned().collect();
             return Err((at, SceneFileProblem::UnknownMaterial { name: name.to_owned(), known }));
         }
-        Ok(SceneModel { line, source, materials: choice, world_from_model })
+        Ok(SceneModel { line, source, materials: choice, world_from_model, places: Vec::new() })
     }
+}
 
-    /// Scaled along the model's axes, then turned about x, then y, then z, then moved.
-    fn transform(&self) -> Result<DAffine3, Problem> {
-        let scale = match self.scale.as_ref().map(Spanned::as_ref) {
-            None => DVec3::ONE,
-            Some(Scale::Uniform(scale)) => DVec3::splat(scale.0.into()),
-            Some(&Scale::Axes(axes)) => vector(axes).as_dvec3(),
-        };
-        if let Some(table) = &self.scale
-            && scale.cmpeq(DVec3::ZERO).any()
-        {
-            return Err((table.span().start, SceneFileProblem::ZeroScale));
-        }
-        let [x, y, z] = self.rotate.unwrap_or_default().map(|degrees| f64::from(degrees.0).to_radians());
-        let rotation = DMat3::from_euler(EulerRot::ZYX, z, y, x);
-        let translation = vector(self.translate.unwrap_or_default()).as_dvec3();
-        Ok(DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(scale), translation))
+/// Scaled along a model's axes, then turned about x, then y, then z, then moved.
+fn transform(
+    scale: Option<&Spanned<Scale>>,
+    rotate: Option<[Number; 3]>,
+    translate: Option<[Number; 3]>,
+) -> Result<DAffine3, Problem> {
+    let factors = match scale.map(Spanned::as_ref) {
+        None => DVec3::ONE,
+        Some(Scale::Uniform(factor)) => DVec3::splat(factor.0.into()),
+        Some(&Scale::Axes(axes)) => vector(axes).as_dvec3(),
+    };
+    if let Some(table) = scale
+        && factors.cmpeq(DVec3::ZERO).any()
+    {
+        return Err((table.span().start, SceneFileProblem::ZeroScale));
     }
+    let [x, y, z] = rotate.unwrap_or_default().map(|degrees| f64::from(degrees.0).to_radians());
+    let rotation = DMat3::from_euler(EulerRot::ZYX, z, y, x);
+    let translation = vector(translate.unwrap_or_default()).as_dvec3();
+    Ok(DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(factors), translation))
 }
 
 impl MaterialChoice {
@@ -564,6 +605,24 @@ mod tests {
         assert_eq!(moved("scale = -2\n", DVec3::ONE), Vec3::splat(-2.0));
     }
 
+    /// Instances stand by their model, in their order; the model's own transform stays its own.
+    #[test]
+    fn instances_find_their_models() {
+        let named = |name: &str| format!("[[model]]\nname = \"{name}\"\nbuiltin = \"cube\"\nscale = 2\n");
+        let at = |model: &str, x: f32| {
+            format!("[[instance]]\nmodel = \"{model}\"\ntranslate = [{x}, 0, 0]\nscale = [1, -1, 3]\n")
+        };
+        let scene =
+            parsed(&[named("a"), at("b", 1.0), at("a", 2.0), named("b"), CUBE.into(), at("b", 3.0)].concat());
+        let place = |x: f64| {
+            let scale = DMat3::from_diagonal(DVec3::new(1.0, -1.0, 3.0));
+            DAffine3::from_mat3_translation(scale, DVec3::X * x)
+        };
+        let places: Vec<_> = scene.models.iter().map(|model| model.places.clone()).collect();
+        assert_eq!(places, [vec![place(2.0)], vec![place(1.0), place(3.0)], vec![]]);
+        assert_eq!(scene.models[0].world_from_model, DAffine3::from_scale(DVec3::splat(2.0)));
+    }
+
     /// The reader names all keys of a table where it meets another; the document has a row for each, and no others.
     #[test]
     fn every_key_is_documented() {
@@ -574,6 +633,7 @@ mod tests {
             ("[[light]]", "[[light]]\nother = 1"),
             ("[material.NAME]", "[material.m]\nother = 1"),
             ("[[model]]", "[[model]]\nother = 1"),
+            ("[[instance]]", "[[instance]]\nother = 1"),
         ] {
             let (_, problem) = parse(Path::new(""), other).expect_err("no such key");
             let message = problem.to_string();

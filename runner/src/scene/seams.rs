@@ -303,6 +303,7 @@ mod tests {
             mesh,
             reliefs: (0..maps).map(relief).collect(),
             materials: vec![Material::default()],
+            parts: vec![],
             subdivisions: 1,
         }
     }
@@ -471,6 +472,7 @@ mod tests {
             mesh,
             reliefs: vec![relief(1.0), relief(3.0)],
             materials: vec![Material::default()],
+            parts: vec![],
             subdivisions: 4,
         };
         let scene = host_scene(&scene, 4, Normals::Normalized, Weld::On);

@@ -3,7 +3,6 @@
 use super::Meeting;
 use super::tessellation::{BLOCK, Block, Piece};
 use super::tree::Box3;
-use emboss_kernels::interface::Ray;
 use glam::{DVec2, DVec3};
 
 /// Bounds on what f32 arithmetic does to a ray's hits.
@@ -29,11 +28,11 @@ pub(super) struct Line {
 }
 
 impl Line {
-    pub(super) fn new(ray: &Ray) -> Self {
-        let length = ray.direction.as_dvec3().length();
-        let direction = ray.direction.as_dvec3() / length;
+    pub(super) fn new(origin: DVec3, direction: DVec3) -> Self {
+        let length = direction.length();
+        let direction = direction / length;
         let (x, y) = direction.any_orthonormal_pair();
-        Line { origin: ray.origin.as_dvec3(), direction, steepness: direction.abs(), across: [x, y], length }
+        Line { origin, direction, steepness: direction.abs(), across: [x, y], length }
     }
 
     /// Whether the line comes within `distance` of a box in each coordinate, and the box is not wholly that far behind

@@ -9,13 +9,16 @@ use super::sort::{self, SortBuffers, Sorter};
 use super::transfers::Transfers;
 use crate::backend::BackendError;
 use crate::bvh::{BuildTimes, Bvh, key_bits};
+use ash::vk;
 use bytemuck::bytes_of;
 use emboss_kernels::bvh::hlbvh::{MAX_TREELETS, TREELET_WORDS, has_single_treelets};
 use emboss_kernels::bvh::node::{BOX_FLOATS, NODE_WORDS};
 use emboss_kernels::bvh::radix_sort::{self, count_words, limbs};
 use emboss_kernels::bvh::scan::Shared as ScanShared;
 use emboss_kernels::bvh::{header, morton, refit, small, top};
-use emboss_kernels::interface::{BATCH_GROUP_SIZE, BuildStep, MAX_PRIMITIVES, MOST_ROW_GROUPS, binding};
+use emboss_kernels::interface::{
+    BATCH_GROUP_SIZE, BuildStep, Instance, MAX_PRIMITIVES, MOST_ROW_GROUPS, binding,
+};
 use emboss_kernels::scene::Features;
 use std::sync::Arc;
 
@@ -115,6 +118,45 @@ impl OwnTree {
             primitives: words(device, "the BVH's primitives", pairs)?,
             state: TreeState::new(device, count)?,
         })
+    }
+
+    /// Copies its boxes, from box number `first` on, out of those of a scene.
+    pub(super) fn take_boxes(
+        &self,
+        commands: &Commands,
+        boxes: &Buffer,
+        first: u64,
+    ) -> Result<(), BackendError> {
+        let one = u64::from(BOX_FLOATS) * size_of::<f32>() as u64;
+        let size = u64::from(self.state.count) * one;
+        let region = vk::BufferCopy { src_offset: first * one, dst_offset: 0, size };
+        commands.run("copying boxes", |recorder| recorder.copy(boxes, &self.boxes, region)).map(drop)
+    }
+
+    /// Copies nodes and primitives to where `mesh` has them in a scene.
+    pub(super) fn give(
+        &self,
+        commands: &Commands,
+        scene: Tree<'_>,
+        mesh: &Instance,
+    ) -> Result<(), BackendError> {
+        let word = size_of::<u32>() as u64;
+        let nodes = vk::BufferCopy {
+            src_offset: 0,
+            dst_offset: u64::from(mesh.first_node) * u64::from(NODE_WORDS) * word,
+            size: u64::from((2 * self.state.count - 1) * NODE_WORDS) * word,
+        };
+        let primitives = vk::BufferCopy {
+            src_offset: 0,
+            dst_offset: u64::from(mesh.first_triangle) * word,
+            size: u64::from(self.state.count) * word,
+        };
+        commands
+            .run("copying a mesh's BVH", |recorder| {
+                recorder.copy(&self.nodes, scene.nodes, nodes);
+                recorder.copy(&self.primitives, scene.primitives, primitives);
+            })
+            .map(drop)
     }
 
     pub(super) fn tree(&self) -> Tree<'_> {

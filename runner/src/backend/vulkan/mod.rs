@@ -34,8 +34,9 @@ pub use validation::ValidationLog;
 
 use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
 use crate::bvh::{BuildTimes, Bvh, MOST_GROWTH};
+use crate::instances;
 use buffer::{Buffer, Label};
-use build::{Builder, OwnTree, Scratch};
+use build::{Builder, OwnTree, Scratch, Tree};
 use bytemuck::cast_slice;
 use commands::Commands;
 use device::Device;
@@ -43,7 +44,8 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
 use emboss_kernels::bvh::refit::node_count;
 use emboss_kernels::interface::{
-    Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, Seams, Triangle, binding, counter,
+    BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, Seams, Triangle,
+    binding, counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
 use emboss_kernels::scene::Features;
@@ -60,7 +62,7 @@ use std::time::Instant;
 use transfers::Transfers;
 
 /// Rays that are on the device at a time; more are traced in turns, so that no number of rays is too large.
-/// 24 MiB with their intersections.
+/// 28 MiB with their intersections.
 const RAYS_AT_A_TIME: usize = 1 << 18;
 
 /// Which Vulkan device is wanted.
@@ -302,6 +304,9 @@ impl VulkanBackend {
 
     /// Builds the tree over the boxes. `start` is when the work began.
     fn build_bvh(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
+        if !resident.instances().is_empty() {
+            return self.build_trees(resident, start);
+        }
         let builder = self.builder()?;
         let tree = resident.tree();
         builder.build(&self.commands, tree, &Scratch::new(&self.device, tree.state.count())?)?;
@@ -309,6 +314,36 @@ impl VulkanBackend {
         let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         self.built_cost = None;
+        Ok(())
+    }
+
+    /// Builds the trees of the instances' meshes, one after the other, each by itself, and the tree over the instances. They
+    /// are not refitted: a mesh that has instances is small next to what is seen of it.
+    fn build_trees(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
+        let builder = self.builder()?;
+        let (instances, mut bounds) = (resident.instances(), Vec::new());
+        let (mut nodes, mut left_out) = (0, 0);
+        for mesh in instances::meshes(instances) {
+            let count = mesh.triangle_count;
+            let own = OwnTree::new(&self.device, count)?;
+            let tree = own.tree();
+            if count == 0 {
+                bounds.push(Aabb::EMPTY);
+                continue;
+            }
+            let first = u64::from(mesh.first_triangle);
+            own.take_boxes(&self.commands, resident.buffer(binding::BOXES), first)?;
+            builder.build(&self.commands, tree, &Scratch::new(&self.device, count)?)?;
+            own.give(&self.commands, resident.tree(), mesh)?;
+            let sound = tree.state.sound(&self.commands, &self.transfers)?;
+            (nodes, left_out) = (nodes + node_count(sound), left_out + count - sound);
+            let root: Vec<BvhNode> = self.transfers.read(&self.commands, tree.nodes, 1)?;
+            bounds.extend(root.iter().map(|root| Aabb { min: root.min, max: root.max }));
+        }
+        let over = instances::tree_over(instances, &bounds);
+        self.transfers.write(&self.commands, resident.buffer(binding::NODES), cast_slice(&over))?;
+        nodes += length(&over);
+        self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         Ok(())
     }
 
@@ -382,7 +417,15 @@ impl Backend for VulkanBackend {
     }
 
     fn bvh(&mut self) -> Result<Bvh, BackendError> {
-        self.resident.tree().read(&self.commands, &self.transfers)
+        if self.resident.instances().is_empty() {
+            return self.resident.tree().read(&self.commands, &self.transfers);
+        }
+        let (nodes, triangles) = (instances::node_room(self.resident.instances()), self.resident.triangles());
+        let Tree { nodes: node_buffer, primitives, .. } = self.resident.tree();
+        Ok(Bvh {
+            nodes: self.transfers.read(&self.commands, node_buffer, nodes as usize)?,
+            primitives: self.transfers.read(&self.commands, primitives, triangles as usize)?,
+        })
     }
 
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
@@ -393,7 +436,12 @@ impl Backend for VulkanBackend {
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
         self.samples_ms = 0.0;
         self.resident.set_displacements(&self.commands, &mut self.transfers, displacements)?;
-        if self.resident.triangles() > 0 {
+        if self.resident.triangles() > 0 && !self.resident.instances().is_empty() {
+            let (start, resident) = (Instant::now(), self.take_scene()?);
+            self.prepare_prisms(&resident)?;
+            self.build_bvh(&resident, start)?;
+            self.resident = resident;
+        } else if self.resident.triangles() > 0 {
             let (start, before) = (Instant::now(), self.report);
             let built_cost = match self.built_cost {
                 Some(cost) => cost,

@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 18;
+pub(super) const MOST_BINDINGS: u32 = 19;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -33,6 +33,7 @@ macro_rules! scene_and {
             MATERIALS,
             TANGENTS,
             TEXEL_SCALES,
+            INSTANCES,
             $($more),*
         ]
     };
@@ -226,6 +227,7 @@ impl Kernel {
                 DISPLACEMENT,
                 FILTER,
                 ADAPTIVE,
+                INSTANCES,
             ],
             Kernel::TraceRays => &[
                 METHOD,
@@ -237,6 +239,7 @@ impl Kernel {
                 DISPLACEMENT,
                 FILTER,
                 ADAPTIVE,
+                INSTANCES,
             ],
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],

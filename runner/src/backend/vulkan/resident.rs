@@ -8,9 +8,10 @@ use super::transfers::Transfers;
 use crate::backend::{
     BackendError, SceneBuffers, check_displacements, check_lights, with_displacements, with_view,
 };
+use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
 use emboss_kernels::interface::{
-    BvhNode, Counter, Displacement, FilmPixel, Frame, PointLight, binding, counter,
+    BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, PointLight, binding, counter,
 };
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -27,12 +28,13 @@ const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
-/// [`binding::TANGENTS`] and [`binding::TEXEL_SCALES`], which live as long as the scene.
+/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`] and [`binding::INSTANCES`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last four: the boxes, the materials, the tangents, the texels' sizes.
+    /// By binding, but for the last five: the boxes, the materials, the tangents, the texels' sizes, the instances.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
+    instances: Vec<Instance>,
     features: Features,
     /// How many entries of the seams' table are read.
     seams: u32,
@@ -46,6 +48,7 @@ fn place_of(binding: u32) -> usize {
         binding::MATERIALS => binding::COUNTERS as usize + 2,
         binding::TANGENTS => binding::COUNTERS as usize + 3,
         binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
+        binding::INSTANCES => binding::COUNTERS as usize + 5,
         _ => binding as usize,
     }
 }
@@ -83,10 +86,12 @@ impl Resident {
             buffers,
             frame: *frame,
             displacements: scene.displacements.clone(),
+            instances: scene.instances.clone(),
             features,
             // A buffer holds them.
             seams: u32::try_from(seams).unwrap_or(u32::MAX),
-            tree: TreeState::new(device, frame.triangle_count)?,
+            // Trees of instances' meshes have their own while they are built.
+            tree: TreeState::new(device, if scene.instances.is_empty() { frame.triangle_count } else { 0 })?,
         })
     }
 
@@ -164,7 +169,12 @@ impl Resident {
         self.frame.width * self.frame.height
     }
 
-    /// The tree over the triangles.
+    /// Where meshes stand; none where there is one tree.
+    pub(super) fn instances(&self) -> &[Instance] {
+        &self.instances
+    }
+
+    /// The tree over the triangles, where there are no instances.
     pub(super) fn tree(&self) -> Tree<'_> {
         Tree {
             boxes: self.buffer(binding::BOXES),
@@ -201,17 +211,19 @@ impl Content<'_> {
 }
 
 /// What each buffer holds, in the order of [`place_of`].
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 5] {
+fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 6] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
+    // A leaf for each triangle, and the inner nodes between them.
+    let one_tree = (2 * triangles).saturating_sub(1);
+    let nodes = one_tree.max(instances::node_room(&scene.instances).into());
     let [(_, film), (_, picture)] = film_contents(frame);
     [
         uploaded("the frame", SMALLER_SCENE, bytes_of(frame)),
         uploaded("the vertices", SMALLER_MODEL, cast_slice(&scene.vertices)),
         uploaded("the triangles", SMALLER_MODEL, cast_slice(&scene.triangles)),
-        // A leaf for each triangle, and the inner nodes between them.
-        zeros("the BVH", SMALLER_MODEL, (2 * triangles).saturating_sub(1), size_of::<BvhNode>()),
+        zeros("the BVH", SMALLER_MODEL, nodes, size_of::<BvhNode>()),
         zeros("the BVH's primitives", SMALLER_MODEL, triangles, size_of::<u32>()),
         uploaded("the height maps' settings", SMALLER_SCENE, cast_slice(&scene.displacements)),
         uploaded("the height maps", SMALLER_MAP, cast_slice(&scene.height_texels)),
@@ -227,6 +239,7 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         uploaded("the materials", SMALLER_SCENE, cast_slice(&scene.materials)),
         uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
         uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
+        uploaded("the instances", "use fewer instances, or --backend cpu", cast_slice(&scene.instances)),
     ]
 }
 
