@@ -36,8 +36,8 @@ fn hits(job: &ReadyJob, rays: &[Ray]) -> Vec<Intersection> {
 #[test]
 fn the_oracle_accepts_rays_through_instances_in_wild_places() {
     let mut clear = 0;
-    for round in 0..12 {
-        let normals = [Normals::Normalized, Normals::Linear][round as usize / 2 % 2];
+    for (i, round) in (0..12).enumerate() {
+        let normals = [Normals::Normalized, Normals::Linear][i / 2 % 2];
         let case = OracleCase::new(round, normals, 150, Oracle::new);
         clear += case.assert_right(&hits(&case.job, &case.rays));
     }
@@ -156,9 +156,9 @@ fn closed_meshes_are_closed_in_wild_places() {
     let (mut traced, mut sides) = (0, 0);
     for (i, solid) in [meshes::icosphere(1), meshes::cube(), meshes::genus_three(1)].iter().enumerate() {
         let home = solid.placed(1.0, 0.0);
-        for round in 0..20 {
+        for (turn, round) in (0..20).enumerate() {
             let mut numbers = Numbers::new(100 * i as u64 + round);
-            let scene = rough(solid, [1, 3, 8][round as usize % 3]);
+            let scene = rough(solid, [1, 3, 8][turn % 3]);
             let mesh = job(scene.clone(), &settings());
             let place = wild(&mut numbers);
             let job = job(placed(scene, vec![place]), &settings());
