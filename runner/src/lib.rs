@@ -13,3 +13,4 @@ pub mod render;
 pub mod scene;
 pub mod settings;
 pub mod stats;
+pub mod view;

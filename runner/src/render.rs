@@ -51,18 +51,18 @@ pub struct Job {
 }
 
 impl Job {
-    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`.
+    /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`. Returns where the camera is.
     ///
     /// # Errors
     /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
     /// camera as asked for.
-    pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<(), RenderError> {
+    pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<Framing, RenderError> {
         check_extent(boxes)?;
         let aspect = f64::from(self.frame.width) / f64::from(self.frame.height);
         let framing = framing::frame(&self.view, boxes, aspect)?;
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
-        Ok(())
+        Ok(framing)
     }
 }
 
