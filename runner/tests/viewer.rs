@@ -303,6 +303,7 @@ fn no_display_points_to_render() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     assert!(stderr.contains("no display") && stderr.contains("`emboss render`"), "{stderr}");
+    assert!(!stderr.contains(".rs"), "no line of any source: {stderr}");
 }
 
 #[test]

@@ -55,8 +55,9 @@ struct Files {
 }
 
 impl Source for Files {
-    fn read(&self) -> Result<Loaded, Box<dyn Error + Send + Sync>> {
-        let (settings, inputs, _) = self.args.read()?;
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>> {
+        let zero = zero.map(OrDefault::Given).or(self.args.zero);
+        let (settings, inputs, _) = RenderArgs { zero, ..self.args.clone() }.read()?;
         let (scale, zero, files) = (inputs.scale, inputs.zero, inputs.files);
         Ok(Loaded { scene: inputs.scene, settings, scale, zero, files })
     }

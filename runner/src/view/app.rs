@@ -36,8 +36,12 @@ const NOTCH: f64 = 40.0;
 
 /// Opens the window and stays until it is closed.
 pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewError> {
-    let no_display = |error: &dyn std::fmt::Display| ViewError::NoDisplay { reason: error.to_string() };
-    let event_loop = EventLoop::new().map_err(|error| no_display(&error))?;
+    let event_loop = EventLoop::new().map_err(|error| {
+        // Winit says in which line of its source the system said it.
+        let error = error.to_string();
+        let reason = error.rsplit(": ").next().unwrap_or(&error).trim_end_matches('.').to_owned();
+        ViewError::NoDisplay { reason }
+    })?;
     let mut app = App::new(source, options, event_loop.create_proxy());
     let ended = event_loop.run_app(&mut app);
     tracing::debug!("the window answered within {:.1} ms", 1e3 * app.longest_turn.as_secs_f64());

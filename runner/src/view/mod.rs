@@ -34,11 +34,12 @@ use std::path::PathBuf;
 
 /// Where the scene comes from, and how to ask for its picture again.
 pub trait Source: Send + Sync {
-    /// Reads the model and its maps as they are now.
+    /// Reads the model and its maps as they are now. `zero` is the tuned one, which also stands for texels that are no
+    /// numbers.
     ///
     /// # Errors
     /// What is wrong with them.
-    fn read(&self) -> Result<Loaded, Box<dyn Error + Send + Sync>>;
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>>;
 
     /// The command line that makes the picture of `shot`.
     fn command(&self, shot: &Shot<'_>) -> String;

@@ -184,7 +184,7 @@ fn run(
             break wanted;
         }
     };
-    let loaded = source.read().map_err(ViewError::Source)?;
+    let loaded = source.read(wanted.tuning.zero).map_err(ViewError::Source)?;
     let mut backend = engine.start()?;
     let (job, boxes) = load(backend.as_mut(), &loaded, &wanted)?;
     let changed = Arc::clone(shared);
@@ -277,8 +277,8 @@ impl Renderer<'_> {
                 return Ok(());
             }
             self.is_to_be_saved |= orders.save;
-            if orders.reload {
-                self.reload()?;
+            if orders.reload && self.read_again()? {
+                (self.report)(Report::Message("read again, since files have changed".to_owned()));
             }
             if let Some(wanted) = orders.wanted {
                 self.change(wanted)?;
@@ -298,6 +298,11 @@ impl Renderer<'_> {
         let old = std::mem::replace(&mut self.wanted, wanted);
         let (old, new) = (&old.tuning, &self.wanted.tuning);
         let settings = new.settings(&self.loaded.settings, self.wanted.size);
+        // Texels that are no numbers are zeros.
+        let has_zeros = self.loaded.scene.reliefs.iter().any(|relief| relief.map.replaced > 0);
+        if new.zero != old.zero && has_zeros {
+            return self.read_again().map(drop);
+        }
         if new.needs_other_scene(old) {
             let old = Wanted { tuning: old.clone(), ..self.wanted.clone() };
             self.load_or_keep(None, &old)?;
@@ -326,19 +331,18 @@ impl Renderer<'_> {
         self.begin()
     }
 
-    /// Reads the files again. What is wrong with them is said, and the old scene stays.
-    fn reload(&mut self) -> Result<(), BackendError> {
-        match self.source.read() {
+    /// Reads the files again. What is wrong with them is said, and the old scene stays. Whether nothing is.
+    fn read_again(&mut self) -> Result<bool, BackendError> {
+        match self.source.read(self.wanted.tuning.zero) {
             Ok(loaded) => {
                 let wanted = self.wanted.clone();
-                if self.load_or_keep(Some(loaded), &wanted)? {
-                    (self.report)(Report::Message("read again, since files have changed".to_owned()));
-                }
-                self.begin()
+                let is_loaded = self.load_or_keep(Some(loaded), &wanted)?;
+                self.begin()?;
+                Ok(is_loaded)
             }
             Err(error) => {
                 self.say(format!("the files have changed, but the scene stays as it was: {error}"));
-                Ok(())
+                Ok(false)
             }
         }
     }
