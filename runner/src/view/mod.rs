@@ -1,9 +1,9 @@
 //! The viewer: a window in which a model is looked at from all sides, and its relief is tuned.
 //!
-//! Two threads. The main one has the window: it hears the user ([`input`], [`controls`]), keeps the camera and the
-//! settings ([`state`], [`camera`], [`tuning`]), puts text over the newest picture ([`overlay`]) and shows it ([`present`]). It
-//! never waits for the other, which renders ([`renderer`]): passes of a sample each over all pixels, begun anew whenever
-//! something changes, at first with fewer pixels so that there is something to see at once. [`reload`] watches the files.
+//! Two threads. The main one has the window: it hears the user (`input`, `controls`), keeps the camera and the
+//! settings (`state`, `camera`, `tuning`), puts text over the newest picture (`overlay`) and shows it (`present`). It
+//! never waits for the other, which renders (`renderer`): passes of a sample each over all pixels, begun anew whenever
+//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files.
 //!
 //! What is shown is what `emboss render` renders with the same arguments, to the bit: cameras go through the same
 //! [framing](crate::framing::frame), and scenes through the same [preparation](crate::render::prepare).
