@@ -4,10 +4,12 @@
 //! 2 wrong usage, 130 interrupted (the picture so far is written where there is one).
 
 mod bench;
+mod command_line;
 mod inputs;
 mod interrupt;
 mod progress;
 mod values;
+mod view;
 
 use crate::backend::select::{BackendChoice, devices, open_backend};
 use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
@@ -21,6 +23,7 @@ use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
 use crate::stats::{SettingsUsed, Stats, StatsError};
+use crate::view::{ScriptError, ViewError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
 use glam::Vec3;
@@ -32,6 +35,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tracing::level_filters::LevelFilter;
+use tracing_subscriber::EnvFilter;
 
 /// Samples of a pixel unless said otherwise.
 const SAMPLES: u32 = 4;
@@ -49,6 +53,8 @@ struct Cli {
 enum Command {
     /// Render a model to a picture
     Render(Box<RenderArgs>),
+    /// Look at a model from all sides and tune its relief
+    View(Box<view::ViewArgs>),
     /// List what can render
     Devices,
     /// Measure how fast this machine is
@@ -60,7 +66,7 @@ enum Command {
 
 /// The first six arguments may be left out from the end; `-` stands for one that is left out before another. What
 /// stands in for them is printed.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 struct RenderArgs {
     /// OBJ file, scene file (.toml, see docs/SCENE.md), or builtin:knot, builtin:cube, builtin:quilt,
     /// builtin:mushroom [default: builtin:knot]
@@ -112,8 +118,15 @@ struct RenderArgs {
     #[arg(long, value_enum)]
     shade: Option<Shade>,
     /// Light the surface by normals of its own instead of its micro-triangles': a small N shades like a large one
-    #[arg(long)]
-    smooth: bool,
+    #[arg(
+        long,
+        value_name = "on|off",
+        value_parser = values::switch,
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "on"
+    )]
+    smooth: Option<bool>,
     /// What renders: auto takes a graphics card, else the CPU
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
     backend: BackendChoice,
@@ -142,9 +155,15 @@ struct RenderArgs {
         allow_hyphen_values = true
     )]
     lights: Vec<Light>,
-    /// Lights cast no shadows
-    #[arg(long)]
+    /// Whether lights cast shadows [default: on]
+    #[arg(long, value_name = "on|off", value_parser = values::switch)]
+    shadows: Option<bool>,
+    /// The same as --shadows off
+    #[arg(long, conflicts_with = "shadows")]
     no_shadows: bool,
+    /// Multiply all heights by this
+    #[arg(long, value_name = "FACTOR", value_parser = values::finite, allow_negative_numbers = true)]
+    exaggerate: Option<f32>,
     /// What the height map's texels displace along: heights, or vectors in tangent or in object space [default: the
     /// built-in's, else height]
     #[arg(long, value_enum, value_name = "KIND")]
@@ -196,6 +215,12 @@ enum CliError {
     DeviceWithCpu,
     #[error("--stats and --output name the same file, {}; give them different names", .0.display())]
     StatsOverPicture(PathBuf),
+    #[error("--stats counts the work of a whole picture; leave it out, or use `emboss render`")]
+    StatsOfView,
+    #[error(transparent)]
+    Script(#[from] ScriptError),
+    #[error(transparent)]
+    View(#[from] ViewError),
     #[error(transparent)]
     Input(#[from] InputError),
     #[error(transparent)]
@@ -226,6 +251,8 @@ impl CliError {
             CliError::DepthWithoutPng(_)
             | CliError::DeviceWithCpu
             | CliError::StatsOverPicture(_)
+            | CliError::StatsOfView
+            | CliError::Script(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
             | CliError::Input(
                 InputError::UnknownBuiltin { .. }
@@ -236,7 +263,14 @@ impl CliError {
             )
             | CliError::Render(
                 RenderError::Framing(_) | RenderError::WalkOfVectors | RenderError::WalkOfAuto,
-            ) => 2,
+            )
+            | CliError::View(ViewError::Render(
+                RenderError::Framing(_) | RenderError::WalkOfVectors | RenderError::WalkOfAuto,
+            )) => 2,
+            // What the arguments name is read by the viewer's own thread.
+            CliError::View(ViewError::Source(error)) => {
+                error.downcast_ref::<CliError>().map_or(1, CliError::exit_code)
+            }
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
             CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
             _ => 1,
@@ -295,6 +329,10 @@ impl Command {
                 start_log(args.log_level());
                 args.run()
             }
+            Command::View(args) => {
+                start_log(args.render.log_level());
+                args.run()
+            }
             Command::Devices => {
                 start_log(LevelFilter::INFO);
                 list_devices();
@@ -308,10 +346,10 @@ impl Command {
     }
 }
 
-/// Sends messages of a level or above to standard error.
+/// Sends messages of a level or above to standard error. Those of libraries are about their own business.
 fn start_log(level: LevelFilter) {
     let log = tracing_subscriber::fmt()
-        .with_max_level(level)
+        .with_env_filter(EnvFilter::new(format!("off,emboss={level}")))
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
@@ -361,18 +399,9 @@ impl RenderArgs {
             }
             Stats::check(path)?;
         }
-        let model = self.model.clone().unwrap_or_default();
-        let scene_file = match &model {
-            ModelArgument::Scene(path) => Some(SceneFile::read(path)?),
-            _ => None,
-        };
-        let mut settings = self.settings(scene_file.as_ref().map(SceneFile::settings).unwrap_or_default());
-        let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
-        check_memory(&settings)?;
         let interrupt = Interrupt::install();
         let mut backend = self.open_backend()?;
-
-        let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
+        let (settings, inputs, samples) = self.read()?;
         self.report(&inputs);
         let scene = inputs.scene;
         let used = SettingsUsed::new(&settings, samples, &scene);
@@ -399,7 +428,7 @@ impl RenderArgs {
         bar.finish_and_clear();
 
         warn_of_caps(&rendering);
-        destination.write(&rendering.picture)?;
+        destination.write(&rendering.picture, &self.command_line())?;
         if let Some(path) = &self.stats {
             Stats::new(&job, &rendering, build, backend.device(), used).write(path)?;
         }
@@ -432,8 +461,27 @@ impl RenderArgs {
         Ok(destination)
     }
 
-    /// What is given here, else what stands in `base`: a scene file's settings, or the defaults.
-    fn settings(&self, base: Settings) -> Settings {
+    /// What is to be rendered, how, and with how many samples a pixel.
+    fn read(&self) -> Result<(Settings, Inputs, u32), CliError> {
+        let model = self.model.clone().unwrap_or_default();
+        let scene_file = self.scene_file(&model)?;
+        let mut settings = self.settings(scene_file.as_ref());
+        let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
+        check_memory(&settings)?;
+        let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
+        Ok((settings, inputs, samples))
+    }
+
+    fn scene_file(&self, model: &ModelArgument) -> Result<Option<SceneFile>, CliError> {
+        Ok(match model {
+            ModelArgument::Scene(path) => Some(SceneFile::read(path)?),
+            _ => None,
+        })
+    }
+
+    /// What is given here, else what a scene file says, else the defaults.
+    fn settings(&self, scene_file: Option<&SceneFile>) -> Settings {
+        let base = scene_file.map(SceneFile::settings).unwrap_or_default();
         let (width, height) = self.size.unwrap_or((base.width, base.height));
         let view = View {
             eye: self.eye.or(base.view.eye),
@@ -451,8 +499,8 @@ impl RenderArgs {
             normals: self.normals.unwrap_or(base.normals),
             weld: self.weld.unwrap_or(base.weld),
             shade: self.shade.unwrap_or(base.shade),
-            smooth: base.smooth || self.smooth,
-            shadows: base.shadows && !self.no_shadows,
+            smooth: self.smooth.unwrap_or(base.smooth),
+            shadows: self.shadows.unwrap_or(base.shadows && !self.no_shadows),
             wrap: self.wrap.unwrap_or(base.wrap),
             filter: self.filter.unwrap_or(base.filter),
             view,
@@ -464,10 +512,15 @@ impl RenderArgs {
         }
     }
 
-    fn open_backend(&self) -> Result<Box<dyn Backend>, CliError> {
+    fn check_device(&self) -> Result<(), CliError> {
         if self.backend == BackendChoice::Cpu && self.device.is_some() {
             return Err(CliError::DeviceWithCpu);
         }
+        Ok(())
+    }
+
+    fn open_backend(&self) -> Result<Box<dyn Backend>, CliError> {
+        self.check_device()?;
         Ok(open_backend(self.backend, self.device.as_deref(), self.validate)?)
     }
 
@@ -485,6 +538,7 @@ impl RenderArgs {
             height: self.height.clone().unwrap_or_default(),
             zero: self.zero.and_then(values::OrDefault::given),
             scale: self.scale.and_then(values::OrDefault::given),
+            exaggeration: self.exaggerate.unwrap_or(1.0),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
             wrap: self.wrap,
@@ -563,7 +617,7 @@ mod tests {
         let arguments = with_command(arguments.iter().map(OsString::from).collect());
         match Cli::try_parse_from(arguments).expect("valid").command {
             Command::Render(args) => *args,
-            Command::Devices | Command::Bench { .. } => panic!("not render"),
+            _ => panic!("not render"),
         }
     }
 

@@ -59,22 +59,17 @@ impl Heights {
                 Some(other) => displacements[other].first_range,
                 None => grown(&mut range_words, pyramid_words(map.format, map.width, map.height).into())?,
             };
-            let scale = if reading.displaced { relief.scale } else { 0.0 };
-            let (height_min, height_max) =
-                Displacement::height_range(map.range.0, map.range.1, relief.zero, scale);
-            displacements.push(Displacement {
-                scale,
-                zero: relief.zero,
+            let mut displacement = Displacement {
                 map_width: map.width,
                 map_height: map.height,
-                height_min,
-                height_max,
                 first_word,
                 first_range,
                 format: map.format,
                 wrap,
-                roughness: 0.0,
-            });
+                ..Displacement::default()
+            };
+            set_heights(&mut displacement, relief, reading.displaced);
+            displacements.push(displacement);
         }
         let format = common(displacements.iter().map(|map| map.format), height_format::PER_MAP);
         let wrap = common(displacements.iter().map(|map| map.wrap), wrap::PER_MAP);
@@ -108,6 +103,14 @@ fn append_levels(map: &HeightMap, displacements: &mut [Displacement]) -> Vec<u32
         displacement.roughness = wrap.map_or(0.0, |i| roughness[i]);
     }
     words
+}
+
+/// Displaces by the heights of a relief, of whose map the displacement is. Without `displaced` they are all zero.
+pub fn set_heights(displacement: &mut Displacement, relief: &Relief, displaced: bool) {
+    let (zero, (lowest, highest)) = (relief.zero, relief.map.range);
+    let scale = if displaced { relief.scale } else { 0.0 };
+    let (height_min, height_max) = Displacement::height_range(lowest, highest, zero, scale);
+    *displacement = Displacement { scale, zero, height_min, height_max, ..*displacement };
 }
 
 /// The maps that pyramids are built of, with their indices: of those that share a pyramid the first.

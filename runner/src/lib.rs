@@ -15,3 +15,4 @@ pub mod render;
 pub mod scene;
 pub mod settings;
 pub mod stats;
+pub mod view;

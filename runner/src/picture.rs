@@ -2,8 +2,8 @@
 
 use glam::{Vec3, Vec4};
 use image::codecs::openexr::OpenExrEncoder;
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder, ImageResult};
+use image::error::EncodingError;
+use image::{ExtendedColorType, ImageEncoder, ImageError, ImageFormat, ImageResult};
 use rayon::prelude::*;
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -109,12 +109,13 @@ impl Destination {
     }
 
     /// Writes the picture to a temporary file beside its place, then renames it: whatever fails on the way, an older
-    /// file at the path is kept and no half-written one is left.
-    pub fn write(&self, picture: &Picture) -> Result<(), PictureError> {
+    /// file at the path is kept and no half-written one is left. `command` is what makes the picture again: a PNG has it
+    /// in a text chunk.
+    pub fn write(&self, picture: &Picture, command: &str) -> Result<(), PictureError> {
         let failed = |reason| PictureError::Write { path: self.path.clone(), reason };
         let mut file = self.temporary()?;
         let mut writer = BufWriter::new(file.as_file_mut());
-        encode(picture, self.format, &mut writer).map_err(failed)?;
+        encode(picture, self.format, command, &mut writer).map_err(failed)?;
         let flushed = writer.flush();
         drop(writer);
         // A full disk may show only when the data leave the cache; the rename must not come before.
@@ -156,25 +157,56 @@ impl Destination {
     }
 }
 
-/// Writes a picture in a format.
-fn encode(picture: &Picture, format: PictureFormat, writer: impl Write + Seek) -> ImageResult<()> {
-    let (width, height) = (picture.width, picture.height);
+/// Writes a picture in a format; a PNG with `command` in a text chunk.
+fn encode(
+    picture: &Picture,
+    format: PictureFormat,
+    command: &str,
+    writer: impl Write + Seek,
+) -> ImageResult<()> {
     match format {
         PictureFormat::Png8 => {
             let texels: Vec<[u8; 4]> = picture.pixels.par_iter().map(|&pixel| quantized8(pixel)).collect();
-            let bytes = texels.as_flattened();
-            PngEncoder::new(writer).write_image(bytes, width, height, ExtendedColorType::Rgba8)
+            encode_png(picture, png::BitDepth::Eight, texels.as_flattened(), command, writer)
         }
         PictureFormat::Png16 => {
-            let texels: Vec<[u16; 4]> = picture.pixels.par_iter().map(|&pixel| quantized16(pixel)).collect();
-            let bytes = bytemuck::cast_slice(&texels);
-            PngEncoder::new(writer).write_image(bytes, width, height, ExtendedColorType::Rgba16)
+            let quantized = |&pixel| quantized16(pixel).map(u16::to_be_bytes);
+            let texels: Vec<[[u8; 2]; 4]> = picture.pixels.par_iter().map(quantized).collect();
+            let bytes = texels.as_flattened().as_flattened();
+            encode_png(picture, png::BitDepth::Sixteen, bytes, command, writer)
         }
         PictureFormat::Exr => {
             let bytes = bytemuck::cast_slice(&picture.pixels);
+            let (width, height) = (picture.width, picture.height);
             OpenExrEncoder::new(writer).write_image(bytes, width, height, ExtendedColorType::Rgba32F)
         }
     }
+}
+
+/// The keyword of the text chunk that holds the command.
+pub const COMMAND_KEYWORD: &str = "Command";
+
+fn encode_png(
+    picture: &Picture,
+    depth: png::BitDepth,
+    bytes: &[u8],
+    command: &str,
+    writer: impl Write,
+) -> ImageResult<()> {
+    let failed = |error| match error {
+        png::EncodingError::IoError(error) => ImageError::IoError(error),
+        error => ImageError::Encoding(EncodingError::new(ImageFormat::Png.into(), error)),
+    };
+    let mut encoder = png::Encoder::new(writer, picture.width, picture.height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(depth);
+    let software = concat!("emboss ", env!("CARGO_PKG_VERSION"));
+    encoder.add_text_chunk("Software".to_owned(), software.to_owned()).map_err(failed)?;
+    // Files may have names of any script, for which a plain text chunk has no letters.
+    encoder.add_itxt_chunk(COMMAND_KEYWORD.to_owned(), command.to_owned()).map_err(failed)?;
+    let mut writer = encoder.write_header().map_err(failed)?;
+    writer.write_image_data(bytes).map_err(failed)?;
+    writer.finish().map_err(failed)
 }
 
 /// A pixel as PNG wants it: divided by alpha, sRGB-encoded, in [0,1]. Colour without coverage is black; NaN is 0.
@@ -227,7 +259,7 @@ mod tests {
 
     fn decoded(format: PictureFormat) -> image::DynamicImage {
         let mut bytes = Cursor::new(Vec::new());
-        encode(&picture(), format, &mut bytes).expect("encodes");
+        encode(&picture(), format, "emboss render", &mut bytes).expect("encodes");
         image::load_from_memory(&bytes.into_inner()).expect("decodes")
     }
 
@@ -238,6 +270,21 @@ mod tests {
         let texels = image.to_rgba8().into_raw();
         let expected = [255, 0, 0, 255, 255, 255, 255, 128, 0, 0, 0, 0, 128, 255, 0, 255];
         assert_eq!(texels, expected);
+    }
+
+    #[test]
+    fn png_tells_the_command_in_any_script() {
+        for format in [PictureFormat::Png8, PictureFormat::Png16] {
+            let mut bytes = Cursor::new(Vec::new());
+            encode(&picture(), format, "emboss render жаба.obj", &mut bytes).expect("encodes");
+            bytes.set_position(0);
+            let reader = png::Decoder::new(bytes).read_info().expect("a PNG");
+            let info = reader.info();
+            let chunk = &info.utf8_text[0];
+            assert_eq!(chunk.keyword, COMMAND_KEYWORD);
+            assert_eq!(chunk.get_text().expect("plain"), "emboss render жаба.obj");
+            assert!(info.uncompressed_latin1_text[0].text.starts_with("emboss "));
+        }
     }
 
     #[test]
@@ -309,7 +356,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let destination = destination(folder.path());
         std::fs::write(&destination.path, "old").expect("writable");
-        destination.write(&picture()).expect("writable");
+        destination.write(&picture(), "").expect("writable");
         assert!(image::open(&destination.path).is_ok());
         assert_eq!(std::fs::read_dir(folder.path()).expect("readable").count(), 1);
     }
@@ -339,7 +386,7 @@ mod tests {
     #[test]
     fn a_full_disk_is_an_error_in_every_format() {
         for format in [PictureFormat::Png8, PictureFormat::Png16, PictureFormat::Exr] {
-            assert!(encode(&picture(), format, Full(Cursor::default())).is_err(), "{format:?}");
+            assert!(encode(&picture(), format, "", Full(Cursor::default())).is_err(), "{format:?}");
         }
     }
 }

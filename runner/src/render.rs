@@ -59,12 +59,12 @@ pub struct Job {
 
 impl Job {
     /// Places the camera and the lights for the displaced model, whose prisms lie in `boxes`, of instances in their own
-    /// spaces.
+    /// spaces. Returns where the camera is.
     ///
     /// # Errors
     /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
     /// camera as asked for.
-    pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<(), RenderError> {
+    pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<Framing, RenderError> {
         let mut boxes = Cow::Borrowed(boxes);
         if !self.buffers.instances.is_empty() {
             let instances = &self.buffers.instances;
@@ -78,7 +78,7 @@ impl Job {
         let framing = framing::frame(&self.view, &boxes, aspect)?;
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
-        Ok(())
+        Ok(framing)
     }
 }
 
@@ -288,7 +288,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         smooth: u32::from(settings.smooth),
         displacement: settings.displacement.id(),
         filter: settings.filter.id(),
-        adaptive: u32::from(settings.adaptive.is_some() && settings.method != Method::None),
+        adaptive: u32::from(settings.adaptive.is_some()),
         instances: u32::from(!instances.is_empty()),
     };
     let detail = |pixels| framing::detail(&settings.view, settings.width, settings.height, pixels);

@@ -1,6 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
+use crate::render::Scene;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
 use glam::Vec3;
 use std::fmt;
@@ -61,6 +62,14 @@ impl Subdivisions {
         match self {
             Subdivisions::Fixed(n) => n,
             Subdivisions::Auto { .. } => MAX_SUBDIVISIONS,
+        }
+    }
+
+    /// What settings and a scene say of N.
+    pub fn of(settings: &Settings, scene: &Scene) -> Subdivisions {
+        match settings.adaptive {
+            Some(pixels) => Subdivisions::Auto { pixels },
+            None => Subdivisions::Fixed(scene.subdivisions),
         }
     }
 

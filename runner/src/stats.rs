@@ -285,7 +285,7 @@ fn bytes<T>(items: &[T]) -> u64 {
 }
 
 /// The value that all are, where they are all the same.
-fn agreed<T: PartialEq>(mut values: impl Iterator<Item = T>) -> Option<T> {
+pub(crate) fn agreed<T: PartialEq>(mut values: impl Iterator<Item = T>) -> Option<T> {
     let first = values.next()?;
     values.all(|value| value == first).then_some(first)
 }

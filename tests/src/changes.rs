@@ -8,8 +8,9 @@ use emboss::framing::View;
 use emboss::picture::Picture;
 use emboss::render::{Job, render};
 use emboss::scene::Relief;
-use emboss::settings::{Light, Settings};
+use emboss::settings::{Light, Method, Settings, Shade};
 use emboss_kernels::interface::counter;
+use emboss_kernels::scene::Features;
 use glam::Vec3;
 use std::ops::ControlFlow;
 
@@ -109,6 +110,35 @@ pub fn assert_heights_change(backend: &mut dyn Backend) {
     }
     backend.set_displacements(&first.buffers.displacements).expect("the heights are sound");
     assert!(picture(backend, &first) == before);
+}
+
+/// Other methods, ways to shade, shadows or none.
+///
+/// # Panics
+/// Where pictures differ.
+pub fn assert_code_changes(backend: &mut dyn Backend) {
+    let first = cube(|_, _| {});
+    backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
+    let before = picture(backend, &first);
+    for (method, shade, shadows, smooth) in
+        [(Method::None, Shade::Lit, false, true), (Method::Quadtree, Shade::Normal, true, false)]
+    {
+        let mut second = cube(|_, settings| {
+            (settings.method, settings.shade) = (method, shade);
+            (settings.shadows, settings.smooth) = (shadows, smooth);
+        });
+        (second.frame.camera, second.frame.light_count) = (first.frame.camera, first.frame.light_count);
+        second.buffers.lights.clone_from(&first.buffers.lights);
+        backend.set_features(second.features).expect("the scene is packed for it");
+        backend.set_displacements(&second.buffers.displacements).expect("the heights are sound");
+        backend.set_view(&second.frame, &second.buffers.lights).expect("the view is sound");
+        let seen = picture(backend, &second);
+        assert!(seen != before, "{method:?}");
+        backend.load(&second.buffers, &second.frame, second.features).expect("the cube fits");
+        assert!(seen == picture(backend, &second), "{method:?}");
+    }
+    let error = backend.set_features(Features { seams: 0, ..first.features }).expect_err("it has seams");
+    assert!(matches!(error, BackendError::Unsound { .. }), "{error}");
 }
 
 /// From flat to as high as the sheet is wide: a tree over two layers, instead of one whose every node spans them.

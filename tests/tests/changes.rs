@@ -14,6 +14,11 @@ fn heights_change_with_their_boxes() {
 }
 
 #[test]
+fn code_changes_without_a_build() {
+    changes::assert_code_changes(&mut CpuBackend::new());
+}
+
+#[test]
 fn costly_trees_are_built_anew() {
     changes::assert_costly_trees_are_built_anew(&mut CpuBackend::new());
 }

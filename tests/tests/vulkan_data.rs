@@ -64,7 +64,7 @@ fn chesterfield(data: &Path, subdivisions: u32) -> (Scene, Settings) {
 fn keep(picture: &Picture, name: &str) {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("../test-pictures");
     std::fs::create_dir_all(&folder).unwrap();
-    Destination::new(folder.join(name)).unwrap().write(picture).unwrap();
+    Destination::new(folder.join(name)).unwrap().write(picture, "").unwrap();
 }
 
 /// The rays through the pixels' centres.

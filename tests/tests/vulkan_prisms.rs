@@ -106,6 +106,13 @@ fn heights_change_with_their_boxes() {
 }
 
 #[test]
+fn code_changes_without_a_build() {
+    let mut backend = lavapipe();
+    changes::assert_code_changes(&mut backend);
+    finish(backend);
+}
+
+#[test]
 fn costly_trees_are_built_anew() {
     let mut backend = lavapipe();
     changes::assert_costly_trees_are_built_anew(&mut backend);

@@ -16,7 +16,7 @@ const VULKAN: &str = "vulkan";
 /// A step, in the order in which CI takes them: what is quick and often wrong comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub(crate) enum Step {
-    /// Lavapipe, the Vulkan loader, the validation layers and SPIRV-Tools are there, or are installed
+    /// Lavapipe, the Vulkan loader, the validation layers, SPIRV-Tools and a display are there, or are installed
     Packages,
     /// Every file is formatted
     Fmt,
@@ -179,7 +179,7 @@ impl std::fmt::Display for Totals {
     }
 }
 
-/// A Debian package that the Vulkan tests need, and how to see that it is there.
+/// A Debian package that tests need, and how to see that it is there.
 struct Package {
     name: &'static str,
     is_there: fn() -> bool,
@@ -188,9 +188,15 @@ struct Package {
 /// The packages, by their names in Debian and Ubuntu.
 const PACKAGES: &[Package] = &[
     Package { name: "mesa-vulkan-drivers", is_there: || lavapipe().is_some() },
-    Package { name: "libvulkan1", is_there: has_vulkan_loader },
+    Package { name: "libvulkan1", is_there: || has_library("libvulkan.so.1") },
     Package { name: "vulkan-validationlayers", is_there: has_validation_layer },
     Package { name: "spirv-tools", is_there: has_spirv_opt },
+    Package { name: "xvfb", is_there: || has_program("Xvfb") },
+    Package { name: "xdotool", is_there: || has_program("xdotool") },
+    // What a window loads when it opens.
+    Package { name: "libxcursor1", is_there: || has_library("libXcursor.so.1") },
+    Package { name: "libxi6", is_there: || has_library("libXi.so.6") },
+    Package { name: "libxkbcommon-x11-0", is_there: || has_library("libxkbcommon-x11.so.0") },
 ];
 
 /// Installs what is missing, or says what to install.
@@ -202,7 +208,7 @@ fn install_packages() -> Result<String> {
     let names = missing.join(" ");
     ensure!(
         has_apt(),
-        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, SPIRV-Tools); install it"
+        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, SPIRV-Tools, a display for the viewer); install it"
     );
     ensure!(is_root()?, "missing: {names}; run `sudo apt-get install {names}`");
     run_command(Command::new("apt-get").args(["update", "-qq"]))?;
@@ -232,10 +238,16 @@ fn lavapipe() -> Option<PathBuf> {
     drivers.find(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("lvp_icd")))
 }
 
-/// Whether programs find the Vulkan loader.
-fn has_vulkan_loader() -> bool {
+/// Whether programs find a library.
+fn has_library(name: &str) -> bool {
     let libraries = Command::new("/sbin/ldconfig").arg("-p").output();
-    libraries.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains("libvulkan.so.1"))
+    libraries.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains(name))
+}
+
+/// Whether a program is where programs are looked for.
+pub(crate) fn has_program(name: &str) -> bool {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| folder.join(name).is_file())
 }
 
 /// Whether SPIR-V can be specialised as a driver does it.

@@ -118,6 +118,11 @@ impl Backend for CpuBackend {
         self.clear_film()
     }
 
+    fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
+        self.scene.set_features(features)?;
+        self.clear_film()
+    }
+
     fn add_sample(
         &mut self,
         sample: u32,

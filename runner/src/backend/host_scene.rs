@@ -1,8 +1,8 @@
 //! A scene in the host's memory with all that follows from its buffers, by the functions that kernels run on a device.
 
 use super::{
-    BackendError, BuildReport, SceneBuffers, check_displacements, check_lights, reserved, with_displacements,
-    with_view,
+    BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights, reserved,
+    with_displacements, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -138,6 +138,16 @@ impl HostScene {
         let start = Instant::now();
         self.prepare_prisms()?;
         self.update_bvh(start);
+        Ok(())
+    }
+
+    /// As [`Backend::set_features`](super::Backend::set_features), apart from the film.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsound`] where the scene was packed or built for others.
+    pub fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
+        check_features(self.features, features)?;
+        self.features = features;
         Ok(())
     }
 

@@ -193,7 +193,7 @@ impl SceneBuffers {
         } else if !self.seam_sides.iter().all(|side| below(&side.vertices, self.vertices.len())) {
             "a seam's side names a vertex that is not there"
         } else if vectors && features.method == method::GRID_WALK {
-            "the grid walk takes no vectors"
+            WALK_OF_VECTORS
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if traced && !has_texel_scales {
@@ -248,6 +248,22 @@ fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<
     };
     Err(BackendError::Unsound { what })
 }
+
+/// Finds out whether `new` differs from `loaded` in nothing that the scene was packed or built for.
+fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
+    let Features { method, shade, shadows, smooth, counters, .. } = new;
+    let what = if (Features { method, shade, shadows, smooth, counters, ..loaded }) != new {
+        "the features need another scene than the one loaded"
+    } else if new.displacement != displacement_kind::HEIGHT && method == method::GRID_WALK {
+        WALK_OF_VECTORS
+    } else {
+        return Ok(());
+    };
+    Err(BackendError::Unsound { what })
+}
+
+/// What is wrong with a grid walk of vectors.
+const WALK_OF_VECTORS: &str = "the grid walk takes no vectors";
 
 /// The frame of the loaded scene in another view: what the scene itself decides stays.
 fn with_view(loaded: &Frame, view: &Frame) -> Frame {
@@ -431,6 +447,12 @@ pub trait Backend {
     /// the BVH gets these boxes or, where it does not suit them, is built anew.
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
+    /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the
+    /// features that it was loaded with. Film and counters are cleared; pipelines are made where they hold other code, and
+    /// nothing is built. (A scene is displaced by its scales alone, so that for [`method::NONE`] these have to be 0: see
+    /// [`set_displacements`](Self::set_displacements).)
+    fn set_features(&mut self, features: Features) -> Result<(), BackendError>;
+
     /// Adds sample number `sample` to every pixel, tile by tile. Calls `progress` with the share done (0 to 1)
     /// between tiles; `Break` ends the pass, and the film keeps what it has.
     fn add_sample(
@@ -551,6 +573,23 @@ mod tests {
         ];
         assert!(breaks.into_iter().all(|change| changed(change).is_err()));
         assert!(check_displacements(loaded, &[]).is_err());
+    }
+
+    #[test]
+    fn only_features_that_nothing_was_packed_for_may_change() {
+        let loaded = Features { method: method::QUADTREE, ..Features::default() };
+        let check = |features| check_features(loaded, features).map_err(|error| error.to_string());
+        let walk = Features { method: method::GRID_WALK, ..loaded };
+        assert_eq!(check(Features { shade: 3, shadows: 1, smooth: 1, counters: 1, ..walk }), Ok(()));
+        for other in [
+            Features { height_wrap: wrap::CLAMP, ..loaded },
+            Features { seams: 1, ..loaded },
+            Features { filter: filter::TRILINEAR, ..loaded },
+        ] {
+            assert!(check(other).expect_err("packed otherwise").contains("another scene"));
+        }
+        let vectors = Features { displacement: displacement_kind::TANGENT, ..loaded };
+        assert!(check_features(vectors, Features { method: method::GRID_WALK, ..vectors }).is_err());
     }
 
     #[test]

@@ -45,13 +45,17 @@ pub fn open_backend(
 }
 
 /// Whether the CPU is a fair answer to an error. It has no validation layers.
-fn can_be_replaced(error: &BackendError) -> bool {
+pub(crate) fn can_be_replaced(error: &BackendError) -> bool {
     !matches!(error, BackendError::NoValidation)
 }
 
 fn open_vulkan(device: Option<&str>, validate: bool) -> Result<Box<dyn Backend>, BackendError> {
-    let selection = device.map_or(Selection::Auto, |device| Selection::Named(device.to_owned()));
-    Ok(Box::new(VulkanBackend::new(&selection, validate)?))
+    Ok(Box::new(VulkanBackend::new(&selection(device), validate)?))
+}
+
+/// The device that a user names, or the best.
+pub(crate) fn selection(device: Option<&str>) -> Selection {
+    device.map_or(Selection::Auto, |device| Selection::Named(device.to_owned()))
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::scene::scene_file::{
 };
 use crate::scene::{MapFile, Mesh, ModelMaterial, SceneError};
 use crate::settings::{ChannelOrder, DisplacementKind, Light, Subdivisions, Wrap};
+use crate::stats::agreed;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -55,6 +56,8 @@ pub(super) struct Request<'a> {
     pub(super) height: MapArgument,
     pub(super) zero: Option<f32>,
     pub(super) scale: Option<f32>,
+    /// What the scales of all materials are multiplied by.
+    pub(super) exaggeration: f32,
     pub(super) subdivisions: Option<Subdivisions>,
     pub(super) invert: bool,
     /// `--wrap`: of all maps, whatever their materials say.
@@ -82,6 +85,12 @@ pub(super) struct Inputs {
     pub(super) view: Option<(Vec3, Vec3)>,
     /// Its lights.
     pub(super) lights: Vec<Light>,
+    /// The scale of all materials that have a height map, where it is one.
+    pub(super) scale: Option<f32>,
+    /// The texel value of no displacement of those materials, where it is one.
+    pub(super) zero: Option<f32>,
+    /// The files that were read, apart from the libraries of materials that an OBJ names.
+    pub(super) files: Vec<PathBuf>,
 }
 
 /// An argument's value and where it comes from.
@@ -121,6 +130,22 @@ pub(super) enum InputError {
     Scene(#[from] SceneError),
 }
 
+impl ModelArgument {
+    /// What users know it by.
+    pub(super) fn name(&self) -> String {
+        match self {
+            ModelArgument::Default => USUAL_MODEL.to_owned(),
+            ModelArgument::Builtin(name) => name.clone(),
+            ModelArgument::File(path) | ModelArgument::Scene(path) => {
+                path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+            }
+        }
+    }
+}
+
+/// The model of those that name none.
+const USUAL_MODEL: &str = "builtin:knot";
+
 impl fmt::Display for Choice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:<7}{}  ({})", self.name, self.value, self.origin)
@@ -140,6 +165,8 @@ const SEVERAL: &str = "several origins";
 /// A model before the arguments are settled.
 struct Model {
     name: String,
+    /// Where it was read from.
+    file: Option<PathBuf>,
     mesh: Mesh,
     /// At least one; the mesh's triangles name theirs.
     materials: Vec<Described>,
@@ -220,6 +247,14 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     if let (None, [Model { builtin: Some(builtin), .. }]) = (request.scene, &models[..]) {
         (view, lights) = (Some(builtin.view), builtin.lights.clone());
     }
+    let sources = || models.iter().flat_map(|model| &model.materials).map(|material| &material.source);
+    let displaced = || sources().filter(|source| source.height.is_some());
+    let (scale, zero) = (agreed(displaced().map(|source| source.scale)), agreed(displaced().map(|s| s.zero)));
+    let mut files: Vec<_> = request.scene.map(|scene| scene.path.clone()).into_iter().collect();
+    files.extend(models.iter().filter_map(|model| model.file.clone()));
+    files.extend(
+        sources().flat_map(|source| [file(source.color.as_ref()), file(source.height.as_ref())]).flatten(),
+    );
     let channels = request.channels().unwrap_or(match displacement {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
@@ -241,7 +276,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         }
     }
     let scene = assembly.finish(subdivisions.most());
-    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights })
+    let zero = zero.map(|zero| zero.unwrap_or(ZERO));
+    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, scale, zero, files })
 }
 
 fn zero_of_heights(material: &Described) -> (String, &'static str) {
@@ -363,6 +399,13 @@ fn map_name<T>(map: Option<&MapSource<T>>) -> String {
     }
 }
 
+fn file<T>(map: Option<&MapSource<T>>) -> Option<PathBuf> {
+    match map {
+        Some(MapSource::File(path)) => Some(path.clone()),
+        _ => None,
+    }
+}
+
 fn color_name(source: &MaterialSource) -> String {
     match (&source.color, source.albedo) {
         (None, Some(albedo)) => {
@@ -403,6 +446,7 @@ impl Described {
         if let Some(scale) = request.scale {
             (source.scale, self.scale) = (scale, GIVEN);
         }
+        source.scale *= request.exaggeration;
         if let Some(wrap) = request.wrap {
             (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
         }
@@ -484,7 +528,7 @@ fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
     match argument {
         ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path)?),
         ModelArgument::Builtin(name) => load_builtin(name),
-        ModelArgument::Default => load_builtin("builtin:knot"),
+        ModelArgument::Default => load_builtin(USUAL_MODEL),
     }
 }
 
@@ -492,14 +536,8 @@ fn load_file(path: &Path) -> Result<Model, SceneError> {
     let (mesh, materials) = load_obj(path)?;
     let scale = SCALE_SHARE * diagonal(&mesh);
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
-    Ok(Model {
-        name: path.display().to_string(),
-        mesh,
-        materials,
-        builtin: None,
-        turned: None,
-        places: vec![],
-    })
+    let (name, file) = (path.display().to_string(), Some(path.to_owned()));
+    Ok(Model { name, file, mesh, materials, builtin: None, turned: None, places: vec![] })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -536,6 +574,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     let recommended = Recommended { subdivisions, view: (view, up), lights };
     Ok(Model {
         name: name.to_owned(),
+        file: None,
         mesh,
         materials: vec![material],
         builtin: Some(recommended),

@@ -88,6 +88,15 @@ pub(super) fn fov(text: &str) -> Result<f32, String> {
     }
 }
 
+/// `on` or `off`.
+pub(super) fn switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err(format!("`{text}` is neither on nor off")),
+    }
+}
+
 pub(super) fn samples(text: &str) -> Result<u32, String> {
     let count = text.parse().ok().filter(|&count: &u32| count > 0);
     count.ok_or_else(|| format!("a pixel has from 1 to {} samples; try 4", u32::MAX))

@@ -135,8 +135,9 @@ impl Commands {
         unsafe { self.device.raw().reset_fences(&fences) }.map_err(|e| self.device.error(what, e))?;
         let buffers = [self.buffer];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        let queue = self.device.queue();
         // SAFETY: the buffer is recorded and not pending; `wait` follows before anything it uses is dropped.
-        unsafe { self.device.raw().queue_submit(self.device.queue(), &submits, fences[0]) }
+        unsafe { self.device.raw().queue_submit(*queue, &submits, fences[0]) }
             .map_err(|e| self.device.error(what, e))
     }
 
@@ -154,8 +155,8 @@ impl Commands {
                     }
                 }
                 Err(error) => {
-                    // SAFETY: the device lives; the submission must have ended before what it uses is dropped.
-                    let idle = unsafe { self.device.raw().device_wait_idle() };
+                    // The submission must have ended before what it uses is dropped.
+                    let idle = self.device.wait_idle();
                     tracing::debug!("waiting failed with {error}, then for the idle device: {idle:?}");
                     return Err(self.device.error(what, error));
                 }
@@ -168,7 +169,7 @@ fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-fn allocate_buffer(pool: &Owned<vk::CommandPool>) -> Result<vk::CommandBuffer, BackendError> {
+pub(super) fn allocate_buffer(pool: &Owned<vk::CommandPool>) -> Result<vk::CommandBuffer, BackendError> {
     let device = pool.device();
     let info = vk::CommandBufferAllocateInfo::default()
         .command_pool(pool.raw())

@@ -14,7 +14,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub(super) struct Device {
     allocator: Mutex<Allocator>,
     handle: DeviceHandle,
-    queue: vk::Queue,
+    /// Locked while something is submitted: the thread that renders and the one that shows pictures share it.
+    queue: Mutex<vk::Queue>,
     physical: PhysicalDevice,
 }
 
@@ -32,7 +33,8 @@ impl Drop for DeviceHandle {
 }
 
 impl Device {
-    /// Opens a device with one queue and the two features that the kernels need.
+    /// Opens a device with one queue and the two features that the kernels need; with swapchains where it was
+    /// [found](super::physical::enumerate) for a window.
     pub(super) fn new(instance: Arc<Instance>, physical: PhysicalDevice) -> Result<Arc<Self>, BackendError> {
         let handle = open(instance, &physical)?;
         // SAFETY: the device was opened with one queue of this family.
@@ -50,6 +52,7 @@ impl Device {
             bytes: 0,
             reason: error.to_string(),
         })?;
+        let queue = Mutex::new(queue);
         Ok(Arc::new(Device { allocator: Mutex::new(allocator), handle, queue, physical }))
     }
 
@@ -61,8 +64,20 @@ impl Device {
         &self.handle.instance
     }
 
-    pub(super) fn queue(&self) -> vk::Queue {
-        self.queue
+    /// The queue, which no one else submits to until the guard is dropped.
+    pub(super) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until nothing runs on the device.
+    pub(super) fn wait_idle(&self) -> ash::prelude::VkResult<()> {
+        let _queue = self.queue();
+        // SAFETY: the device lives, and no one submits to its queue meanwhile.
+        unsafe { self.handle.raw.device_wait_idle() }
+    }
+
+    pub(super) fn physical(&self) -> &PhysicalDevice {
+        &self.physical
     }
 
     pub(super) fn queue_family(&self) -> u32 {
@@ -99,7 +114,11 @@ fn open(instance: Arc<Instance>, physical: &PhysicalDevice) -> Result<DeviceHand
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
         .vulkan_memory_model(true)
         .vulkan_memory_model_device_scope(true);
-    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features12);
+    let swapchain = [ash::khr::swapchain::NAME.as_ptr()];
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(if physical.presents { &swapchain } else { &[] })
+        .push_next(&mut features12);
     // SAFETY: the physical device is of this instance and has the features and the queue; the handle destroys it.
     let raw = unsafe { instance.raw().create_device(physical.raw, &info, None) }
         .map_err(|source| BackendError::Vulkan { what: "opening the device", source })?;
@@ -136,6 +155,7 @@ destroy_by! {
     vk::Pipeline => destroy_pipeline,
     vk::PipelineLayout => destroy_pipeline_layout,
     vk::QueryPool => destroy_query_pool,
+    vk::Semaphore => destroy_semaphore,
     vk::ShaderModule => destroy_shader_module,
 }
 
@@ -181,11 +201,10 @@ mod tests {
 
     fn validated_lavapipe() -> Arc<Device> {
         let needs = "needs lavapipe and the validation layers, which `cargo xtask test` installs";
-        let instance = Arc::new(Instance::new(true).expect(needs));
-        let mut found = physical::enumerate(&instance).expect(needs);
-        let infos: Vec<_> = found.iter().map(|device| &device.info).collect();
-        let index = physical::choose(&infos, &Selection::Named("llvmpipe".to_owned())).expect(needs);
-        Device::new(instance, found.swap_remove(index)).expect(needs)
+        let instance = Arc::new(Instance::new(true, &[]).expect(needs));
+        let found = physical::enumerate(&instance, None).expect(needs);
+        let lavapipe = physical::select(found, &Selection::Named("llvmpipe".to_owned())).expect(needs);
+        Device::new(instance, lavapipe).expect(needs)
     }
 
     /// What every test on lavapipe relies on: the silence of the layers means something.

@@ -3,7 +3,7 @@
 use super::validation::{self, Messenger, ValidationLog};
 use crate::backend::BackendError;
 use ash::vk;
-use std::ffi::CStr;
+use std::ffi::{CStr, c_char};
 use std::path::Path;
 
 /// The version that the kernels are compiled for and that a device must have.
@@ -25,26 +25,35 @@ pub(super) struct InstanceHandle {
 }
 
 impl Instance {
-    /// Loads Vulkan from the system's library.
-    pub(super) fn new(validate: bool) -> Result<Self, BackendError> {
-        Self::from_entry(load_entry(None)?, validate)
+    /// Loads Vulkan from the system's library, with `extensions`: those for surfaces of windows, or none.
+    pub(super) fn new(validate: bool, extensions: &[*const c_char]) -> Result<Self, BackendError> {
+        Self::from_entry(load_entry(None)?, validate, extensions)
     }
 
-    fn from_entry(entry: ash::Entry, validate: bool) -> Result<Self, BackendError> {
+    fn from_entry(
+        entry: ash::Entry,
+        validate: bool,
+        extensions: &[*const c_char],
+    ) -> Result<Self, BackendError> {
         require_version(&entry)?;
         let log = ValidationLog::default();
         if !validate {
-            let handle = create(entry, &vk::InstanceCreateInfo::default())?;
+            let info = vk::InstanceCreateInfo::default().enabled_extension_names(extensions);
+            let handle = create(entry, &info)?;
             return Ok(Instance { _messenger: None, handle, log });
         }
         require_validation_layer(&entry)?;
-        let handle = create_validated(entry)?;
+        let handle = create_validated(entry, extensions)?;
         let messenger = Messenger::new(&handle, &log)?;
         Ok(Instance { _messenger: Some(messenger), handle, log })
     }
 
     pub(super) fn raw(&self) -> &ash::Instance {
         &self.handle.raw
+    }
+
+    pub(super) fn entry(&self) -> &ash::Entry {
+        &self.handle.entry
     }
 
     pub(super) fn log(&self) -> &ValidationLog {
@@ -111,13 +120,14 @@ fn find_validation_layer(layers: &[vk::LayerProperties]) -> Result<(), BackendEr
 }
 
 /// An instance under the validation layers, with synchronisation validation where the layers have it.
-fn create_validated(entry: ash::Entry) -> Result<InstanceHandle, BackendError> {
+fn create_validated(entry: ash::Entry, extensions: &[*const c_char]) -> Result<InstanceHandle, BackendError> {
     // SAFETY: takes no handle; `entry` holds the loaded library.
     let offered = unsafe { entry.enumerate_instance_extension_properties(Some(validation::LAYER)) }
         .map_err(|source| BackendError::Vulkan { what: "listing the layers' extensions", source })?;
     let offers = |name: &CStr| offered.iter().any(|one| one.extension_name_as_c_str() == Ok(name));
     let layers = [validation::LAYER.as_ptr()];
-    let mut extensions = vec![ash::ext::debug_utils::NAME.as_ptr()];
+    let mut extensions = extensions.to_vec();
+    extensions.push(ash::ext::debug_utils::NAME.as_ptr());
     let mut features = vk::ValidationFeaturesEXT::default()
         .enabled_validation_features(&[vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION]);
     let mut info = vk::InstanceCreateInfo::default().enabled_layer_names(&layers);
@@ -137,6 +147,10 @@ fn create(entry: ash::Entry, info: &vk::InstanceCreateInfo<'_>) -> Result<Instan
         Ok(raw) => Ok(InstanceHandle { raw, entry }),
         Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => {
             Err(BackendError::NoDevice { reason: "no Vulkan driver is installed".to_owned() })
+        }
+        Err(vk::Result::ERROR_EXTENSION_NOT_PRESENT) => {
+            let reason = "no driver shows pictures in windows of this system".to_owned();
+            Err(BackendError::NoDevice { reason })
         }
         Err(source) => Err(BackendError::Vulkan { what: "creating the instance", source }),
     }

@@ -1,13 +1,16 @@
-//! The Vulkan backend: the kernels on a graphics card, headless.
+//! The Vulkan backend: the kernels on a graphics card.
 //!
-//! Needs Vulkan 1.2's core with its memory model, nothing else; the loader is opened at run time. From the bottom
+//! Needs Vulkan 1.2's core with its memory model, and to show pictures in windows `VK_KHR_swapchain`; the loader is opened
+//! at run time. From the bottom
 //! up: `instance` and `validation`, `physical` (which device), `device` (the open device and handles that
 //! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
 //! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
-//! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others.
+//! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others. Apart from all that
+//! `surface` is a window and `swapchain` shows pictures in it, from another thread.
 //!
-//! Everything runs on one queue, one submission at a time, and each is waited for. Hence between two submissions
-//! buffers can be dropped and descriptors written, and a program that ends leaves nothing running.
+//! Everything that a backend does runs on one queue, one submission at a time, and each is waited for. Hence between two
+//! submissions buffers can be dropped and descriptors written, and a program that ends leaves nothing running. A swapchain
+//! submits to the same queue, whose lock it takes, and shares no resource with the backend.
 #![expect(
     unsafe_code,
     reason = "Vulkan's calls are unsafe; each stands in a block of its own with the rule it keeps"
@@ -26,10 +29,14 @@ mod programs;
 mod resident;
 mod scan;
 mod sort;
+mod surface;
+mod swapchain;
 mod tiles;
 mod transfers;
 mod validation;
 
+pub use surface::Window;
+pub use swapchain::{Shown, Swapchain};
 pub use validation::ValidationLog;
 
 use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
@@ -83,8 +90,24 @@ pub enum Selection {
 /// # Errors
 /// [`BackendError::NoDevice`] where there is no loader or no driver.
 pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
-    let instance = Instance::new(false)?;
-    Ok(physical::enumerate(&instance)?.into_iter().map(|device| device.info).collect())
+    let instance = Instance::new(false, &[])?;
+    Ok(physical::enumerate(&instance, None)?.into_iter().map(|device| device.info).collect())
+}
+
+/// A device that is open, which the thread that renders makes its backend [on](VulkanBackend::on).
+#[derive(Clone)]
+pub struct OpenDevice(Arc<Device>);
+
+impl OpenDevice {
+    /// What it is.
+    pub fn info(&self) -> &DeviceInfo {
+        self.0.info()
+    }
+
+    /// What the validation layers say of it.
+    pub fn validation_log(&self) -> ValidationLog {
+        self.0.instance().log().clone()
+    }
 }
 
 /// Runs kernels on a Vulkan device. A new one holds an empty scene and a film without pixels.
@@ -110,11 +133,17 @@ impl VulkanBackend {
     /// [`BackendError::NoDevice`] where nothing matches `selection`, [`BackendError::NoValidation`] where the layers
     /// are asked for and are not installed.
     pub fn new(selection: &Selection, validate: bool) -> Result<Self, BackendError> {
-        let instance = Arc::new(Instance::new(validate)?);
-        let mut found = physical::enumerate(&instance)?;
-        let infos: Vec<_> = found.iter().map(|device| &device.info).collect();
-        let index = physical::choose(&infos, selection)?;
-        let device = Device::new(instance, found.swap_remove(index))?;
+        let instance = Arc::new(Instance::new(validate, &[])?);
+        let found = physical::enumerate(&instance, None)?;
+        let device = Device::new(instance, physical::select(found, selection)?)?;
+        Self::on(OpenDevice(device))
+    }
+
+    /// A backend on a device that is open already, for a window: see [`Swapchain::open`].
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn on(OpenDevice(device): OpenDevice) -> Result<Self, BackendError> {
         let commands = Commands::new(&device)?;
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
@@ -267,6 +296,14 @@ impl VulkanBackend {
         Ok(())
     }
 
+    /// Compiles what makes pictures, so that its time is not part of the first sample's.
+    fn compile_tracing(&mut self) -> Result<(), BackendError> {
+        for kernel in [Kernel::Render, Kernel::Resolve] {
+            self.programs.get(&self.device, kernel)?;
+        }
+        Ok(())
+    }
+
     /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, count) in preparation(resident) {
@@ -399,10 +436,7 @@ impl Backend for VulkanBackend {
             self.prepare_prisms(&resident)?;
             self.build_bvh(&resident, start)?;
         }
-        // Compiled here so that their time is not part of the first sample's.
-        for kernel in [Kernel::Render, Kernel::Resolve] {
-            self.programs.get(&self.device, kernel)?;
-        }
+        self.compile_tracing()?;
         self.resident = resident;
         Ok(())
     }
@@ -455,6 +489,13 @@ impl Backend for VulkanBackend {
             self.resident = resident;
         }
         Ok(())
+    }
+
+    fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
+        self.samples_ms = 0.0;
+        self.resident.set_features(&self.commands, features)?;
+        self.programs.set_features(features);
+        self.compile_tracing()
     }
 
     fn add_sample(

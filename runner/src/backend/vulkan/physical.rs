@@ -4,6 +4,7 @@ use super::Selection;
 use super::build::MOST_SHARED_BYTES;
 use super::instance::{API_VERSION, Instance, version_text};
 use super::pipeline::MOST_BINDINGS;
+use super::surface::Surface;
 use crate::backend::{BackendError, DeviceInfo, DeviceKind};
 use ash::vk;
 use std::ffi::CStr;
@@ -13,8 +14,10 @@ pub(super) struct PhysicalDevice {
     pub(super) raw: vk::PhysicalDevice,
     pub(super) info: DeviceInfo,
     pub(super) limits: Limits,
-    /// The family of the queue that everything is submitted to: it can compute, hence also copy.
+    /// The family of the queue that everything is submitted to: it can compute, hence also copy; for a window it can present.
     pub(super) queue_family: u32,
+    /// Whether it was examined for a window, so that the queue presents to it and swapchains can be made.
+    pub(super) presents: bool,
 }
 
 /// What a device allows.
@@ -39,16 +42,30 @@ impl Limits {
     }
 }
 
-/// Every device that fits, in the loader's order. What does not fit is logged.
-pub(super) fn enumerate(instance: &Instance) -> Result<Vec<PhysicalDevice>, BackendError> {
+/// Every device that fits, in the loader's order; of those the ones that can present to `window`. What does not fit is
+/// logged.
+pub(super) fn enumerate(
+    instance: &Instance,
+    window: Option<&Surface>,
+) -> Result<Vec<PhysicalDevice>, BackendError> {
     // SAFETY: the instance lives through the call.
     let all = unsafe { instance.raw().enumerate_physical_devices() }
         .map_err(|source| BackendError::Vulkan { what: "listing the devices", source })?;
-    Ok(all.into_iter().filter_map(|raw| examine(instance, raw)).collect())
+    Ok(all.into_iter().filter_map(|raw| examine(instance, raw, window)).collect())
+}
+
+/// The device that `selection` means, of those that `enumerate` gives.
+pub(super) fn select(
+    mut devices: Vec<PhysicalDevice>,
+    selection: &Selection,
+) -> Result<PhysicalDevice, BackendError> {
+    let infos: Vec<_> = devices.iter().map(|device| &device.info).collect();
+    let index = choose(&infos, selection)?;
+    Ok(devices.swap_remove(index))
 }
 
 /// Index of the device that `selection` means, in a list as `enumerate` gives it.
-pub(super) fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<usize, BackendError> {
+fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<usize, BackendError> {
     let found = match selection {
         Selection::Auto => (0..devices.len())
             .filter(|&index| devices[index].kind < DeviceKind::Software)
@@ -81,7 +98,7 @@ fn why_none(devices: &[&DeviceInfo], selection: &Selection) -> String {
 }
 
 /// The device with its limits, or nothing where it does not fit.
-fn examine(instance: &Instance, raw: vk::PhysicalDevice) -> Option<PhysicalDevice> {
+fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface>) -> Option<PhysicalDevice> {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
     let version = api_version(instance, raw);
@@ -94,8 +111,10 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice) -> Option<PhysicalDevic
     unsafe { instance.raw().get_physical_device_properties2(raw, &mut properties) };
     let properties = properties.properties;
     let name = text(properties.device_name_as_c_str());
-    let queue = compute_queue(instance, raw);
-    if let Some(lack) = what_lacks(instance, raw, &properties, queue.is_some()) {
+    let queue = compute_queue(instance, raw, window);
+    let lack = what_lacks(instance, raw, &properties, queue.is_some());
+    let lack = lack.or_else(|| (window.is_some() && !has_swapchains(instance, raw)).then_some("swapchains"));
+    if let Some(lack) = lack {
         tracing::debug!("{name} is not used: it lacks {lack}");
         return None;
     }
@@ -116,7 +135,14 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice) -> Option<PhysicalDevic
             timestamp_bits,
         },
         queue_family,
+        presents: window.is_some(),
     })
+}
+
+fn has_swapchains(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+    // SAFETY: `raw` comes from this instance.
+    let offered = unsafe { instance.raw().enumerate_device_extension_properties(raw) }.unwrap_or_default();
+    offered.iter().any(|one| one.extension_name_as_c_str() == Ok(ash::khr::swapchain::NAME))
 }
 
 fn api_version(instance: &Instance, raw: vk::PhysicalDevice) -> u32 {
@@ -136,7 +162,7 @@ fn what_lacks(
     } else if !has_memory_model(instance, raw) {
         Some("the features vulkanMemoryModel and vulkanMemoryModelDeviceScope")
     } else if !computes {
-        Some("a queue for compute")
+        Some("a queue for compute, which for a window can present to it")
     } else if properties.limits.max_per_stage_descriptor_storage_buffers < MOST_BINDINGS {
         Some("enough storage buffers for a kernel")
     } else if (properties.limits.max_compute_shared_memory_size as usize) < MOST_SHARED_BYTES {
@@ -155,14 +181,20 @@ fn has_memory_model(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
     features12.vulkan_memory_model == vk::TRUE && features12.vulkan_memory_model_device_scope == vk::TRUE
 }
 
-/// The first queue family that computes, and how many bits its timestamps have. Drivers list the one that also
-/// draws first, which a viewer can present from.
-fn compute_queue(instance: &Instance, raw: vk::PhysicalDevice) -> Option<(u32, u32)> {
+/// The first queue family that computes and, where there is a window, presents to it; and how many bits its timestamps have.
+fn compute_queue(
+    instance: &Instance,
+    raw: vk::PhysicalDevice,
+    window: Option<&Surface>,
+) -> Option<(u32, u32)> {
     // SAFETY: `raw` comes from this instance.
     let families = unsafe { instance.raw().get_physical_device_queue_family_properties(raw) };
     (0u32..)
         .zip(families)
-        .find(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0)
+        .find(|&(index, family)| {
+            let computes = family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0;
+            computes && window.is_none_or(|window| window.is_presented_by(raw, index))
+        })
         .map(|(index, family)| (index, family.timestamp_valid_bits))
 }
 

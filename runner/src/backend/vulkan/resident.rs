@@ -6,7 +6,8 @@ use super::commands::Commands;
 use super::device::Device;
 use super::transfers::Transfers;
 use crate::backend::{
-    BackendError, SceneBuffers, check_displacements, check_lights, with_displacements, with_view,
+    BackendError, SceneBuffers, check_displacements, check_features, check_lights, with_displacements,
+    with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
@@ -143,6 +144,17 @@ impl Resident {
         self.frame = with_displacements(&self.frame, displacements, self.features);
         transfers.write(commands, self.buffer(binding::DISPLACEMENTS), cast_slice(displacements))?;
         transfers.write(commands, self.buffer(binding::FRAME), bytes_of(&self.frame))?;
+        self.clear_film(commands)
+    }
+
+    /// Takes the features of other code for the same scene.
+    pub(super) fn set_features(
+        &mut self,
+        commands: &Commands,
+        features: Features,
+    ) -> Result<(), BackendError> {
+        check_features(self.features, features)?;
+        self.features = features;
         self.clear_film(commands)
     }
 

@@ -1,0 +1,91 @@
+//! The surface of a window, which swapchains present to.
+
+use super::device::Device;
+use super::instance::Instance;
+use crate::backend::BackendError;
+use ash::vk;
+use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
+use std::ffi::c_char;
+use std::sync::Arc;
+
+/// A window, with the connection to its display.
+pub trait Window: HasDisplayHandle + HasWindowHandle {}
+impl<W: HasDisplayHandle + HasWindowHandle> Window for W {}
+
+/// Destroys the surface when dropped.
+pub(super) struct Surface {
+    raw: vk::SurfaceKHR,
+    functions: ash::khr::surface::Instance,
+    instance: Arc<Instance>,
+    /// Outlives the surface: fields are dropped after `drop`.
+    _window: Arc<dyn Window>,
+}
+
+/// The instance's extensions that a window of this display needs.
+pub(super) fn extensions(window: &dyn Window) -> Result<&'static [*const c_char], BackendError> {
+    let display = window.display_handle().map_err(no_handle)?;
+    ash_window::enumerate_required_extensions(display.as_raw())
+        .map_err(|source| BackendError::Vulkan { what: "asking for the window's system", source })
+}
+
+fn no_handle(error: HandleError) -> BackendError {
+    BackendError::NoDevice { reason: format!("the window cannot be drawn in ({error})") }
+}
+
+impl Surface {
+    /// Needs an instance with the window's [`extensions`].
+    pub(super) fn new(instance: &Arc<Instance>, window: Arc<dyn Window>) -> Result<Self, BackendError> {
+        let display = window.display_handle().map_err(no_handle)?.as_raw();
+        let handle = window.window_handle().map_err(no_handle)?.as_raw();
+        let functions = ash::khr::surface::Instance::new(instance.entry(), instance.raw());
+        let (entry, ash) = (instance.entry(), instance.raw());
+        // SAFETY: the instance has the extensions; it and the window are held until the surface is destroyed.
+        let raw = unsafe { ash_window::create_surface(entry, ash, display, handle, None) }
+            .map_err(|source| BackendError::Vulkan { what: "making the window's surface", source })?;
+        Ok(Surface { raw, functions, instance: Arc::clone(instance), _window: window })
+    }
+
+    pub(super) fn raw(&self) -> vk::SurfaceKHR {
+        self.raw
+    }
+
+    /// Whether queues of a family can present to it; not where the driver does not tell.
+    pub(super) fn is_presented_by(&self, physical: vk::PhysicalDevice, family: u32) -> bool {
+        let functions = &self.functions;
+        // SAFETY: the device and the surface are of one instance, and the device has the family.
+        unsafe { functions.get_physical_device_surface_support(physical, family, self.raw) }.unwrap_or(false)
+    }
+
+    /// Its present size, and what swapchains for it may have.
+    pub(super) fn capabilities(&self, device: &Device) -> Result<vk::SurfaceCapabilitiesKHR, BackendError> {
+        let physical = device.physical().raw;
+        // SAFETY: the device and the surface are of one instance.
+        unsafe { self.functions.get_physical_device_surface_capabilities(physical, self.raw) }
+            .map_err(|source| device.error("asking for the window's size", source))
+    }
+
+    pub(super) fn formats(&self, device: &Device) -> Result<Vec<vk::SurfaceFormatKHR>, BackendError> {
+        let physical = device.physical().raw;
+        // SAFETY: as above.
+        unsafe { self.functions.get_physical_device_surface_formats(physical, self.raw) }
+            .map_err(|source| device.error("asking for the window's formats", source))
+    }
+
+    pub(super) fn present_modes(&self, device: &Device) -> Result<Vec<vk::PresentModeKHR>, BackendError> {
+        let physical = device.physical().raw;
+        // SAFETY: as above.
+        unsafe { self.functions.get_physical_device_surface_present_modes(physical, self.raw) }
+            .map_err(|source| device.error("asking for the ways to present", source))
+    }
+
+    pub(super) fn instance(&self) -> &Arc<Instance> {
+        &self.instance
+    }
+}
+
+impl Drop for Surface {
+    fn drop(&mut self) {
+        // SAFETY: made in `new`, destroyed once; swapchains for it are destroyed before.
+        unsafe { self.functions.destroy_surface(self.raw, None) };
+    }
+}

@@ -1,0 +1,479 @@
+//! The window.
+
+use super::canvas::{Canvas, Font};
+use super::input::Input;
+use super::overlay::{self, Status};
+use super::present::{self, PresentError, Presenter};
+use super::renderer::{Handle, Report, Seen, Setup, Wanted};
+use super::script::{Script, Step};
+use super::state::{Effect, State};
+use super::{Options, Shot, Source, ViewError};
+use crate::backend::BackendError;
+use crate::backend::vulkan::Shown;
+use std::io::Write;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{
+    DeviceEvent, DeviceId, ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent,
+};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::keyboard::PhysicalKey;
+use winit::window::{CursorGrabMode, Window, WindowId};
+
+/// How often the camera moves while a key is held.
+const TICK: Duration = Duration::from_millis(16);
+/// How soon what could not be done is tried again.
+const RETRY: Duration = Duration::from_millis(5);
+/// How often the window's title changes.
+const TITLE: Duration = Duration::from_millis(250);
+/// How long a step of a script waits.
+const SCRIPT_PATIENCE: Duration = Duration::from_secs(120);
+/// What is below a notch of a touchpad, in pixels.
+const NOTCH: f64 = 40.0;
+
+/// Opens the window and stays until it is closed.
+pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewError> {
+    let event_loop = EventLoop::new().map_err(|error| {
+        // Winit says in which line of its source the system said it.
+        let error = error.to_string();
+        let reason = error.rsplit(": ").next().unwrap_or(&error).trim_end_matches('.').to_owned();
+        ViewError::NoDisplay { reason }
+    })?;
+    let mut app = App::new(source, options, event_loop.create_proxy());
+    let ended = event_loop.run_app(&mut app);
+    tracing::debug!("the window answered within {:.1} ms", 1e3 * app.longest_turn.as_secs_f64());
+    match (app.error, ended) {
+        (Some(error), _) => Err(error),
+        (None, Err(error)) => Err(ViewError::Window { reason: error.to_string() }),
+        (None, Ok(())) => Ok(()),
+    }
+}
+
+struct App {
+    source: Arc<dyn Source>,
+    options: Options,
+    proxy: EventLoopProxy<()>,
+    state: State,
+    status: Status,
+    open: Option<Open>,
+    /// The newest picture.
+    seen: Option<Seen>,
+    /// Counts what was wanted so far.
+    serial: u64,
+    /// How many pictures were shown.
+    shown: u32,
+    /// Of a step of the script that waits: how many there were at its beginning.
+    shown_before: Option<u32>,
+    /// When it began.
+    step_since: Option<Instant>,
+    clipboard: Option<arboard::Clipboard>,
+    last_tick: Instant,
+    last_title: Option<Instant>,
+    turn: Instant,
+    longest_turn: Duration,
+    error: Option<ViewError>,
+}
+
+/// What there is while the window is open. The thread ends first, then what shows its pictures.
+struct Open {
+    renderer: Handle,
+    reports: Receiver<Report>,
+    presenter: Box<dyn Presenter>,
+    window: Arc<Window>,
+    /// Width and height of pictures, once they are known; `None` where none can be seen.
+    size: Option<(u32, u32)>,
+    /// Whether the newest picture is to be shown.
+    is_to_be_shown: bool,
+}
+
+impl App {
+    fn new(source: Arc<dyn Source>, options: Options, proxy: EventLoopProxy<()>) -> App {
+        App {
+            source,
+            options,
+            proxy,
+            state: State::new(),
+            status: Status::default(),
+            open: None,
+            seen: None,
+            serial: 0,
+            shown: 0,
+            shown_before: None,
+            step_since: None,
+            clipboard: None,
+            last_tick: Instant::now(),
+            last_title: None,
+            turn: Instant::now(),
+            longest_turn: Duration::ZERO,
+            error: None,
+        }
+    }
+
+    fn open(&mut self, event_loop: &ActiveEventLoop) -> Result<Open, ViewError> {
+        let options = &self.options;
+        let size = PhysicalSize::new(options.size.0, options.size.1);
+        let attributes = Window::default_attributes().with_title(&options.title).with_inner_size(size);
+        let failed = |error: winit::error::OsError| ViewError::Window { reason: error.to_string() };
+        let window = Arc::new(event_loop.create_window(attributes).map_err(failed)?);
+        let device = options.device.as_deref();
+        let (presenter, engine) = present::open(&window, options.backend, device, options.validate)?;
+        self.status.device = engine.device_name();
+        let (sender, reports) = channel();
+        let proxy = self.proxy.clone();
+        let report = Box::new(move |report| {
+            // Where the window is gone no one wants to know.
+            let _ = sender.send(report);
+            let _ = proxy.send_event(());
+        });
+        let renderer = Handle::start(Setup {
+            engine,
+            source: Arc::clone(&self.source),
+            samples: options.samples,
+            output: options.output.clone(),
+            report,
+        });
+        Ok(Open { renderer, reports, presenter, window, size: None, is_to_be_shown: true })
+    }
+
+    fn fail(&mut self, event_loop: &ActiveEventLoop, error: ViewError) {
+        self.error.get_or_insert(error);
+        event_loop.exit();
+    }
+
+    /// Asks the renderer for what is to be seen now.
+    fn want(&mut self) {
+        let Some(open) = &self.open else { return };
+        let Some(size) = open.size else { return };
+        self.serial += 1;
+        open.renderer.want(Wanted { serial: self.serial, tuning: self.state.tuning.clone(), size });
+    }
+
+    fn redraw(&mut self) {
+        if let Some(open) = &mut self.open {
+            open.is_to_be_shown = true;
+            open.window.request_redraw();
+        }
+    }
+
+    fn hear(&mut self, event_loop: &ActiveEventLoop, input: Input) {
+        match self.state.hear(input) {
+            Effect::Nothing => {}
+            Effect::Render => {
+                self.want();
+                self.redraw();
+            }
+            Effect::Redraw => self.redraw(),
+            Effect::Save => {
+                if let Some(open) = &self.open {
+                    open.renderer.save();
+                }
+            }
+            Effect::CopyCommand => self.copy_command(),
+            Effect::Capture(is_captured) => self.capture(is_captured),
+            Effect::Quit => event_loop.exit(),
+        }
+    }
+
+    /// The command line of what is seen, in the terminal and on the clipboard.
+    fn copy_command(&mut self) {
+        let Some(size) = self.open.as_ref().and_then(|open| open.size) else { return };
+        let lights = self.state.lights();
+        let command = self.source.command(&Shot {
+            tuning: &self.state.tuning,
+            lights: &lights,
+            scale: self.state.scene.as_ref().and_then(|scene| scene.scale),
+            size,
+            samples: self.status.samples.max(1),
+        });
+        // A terminal that is closed is no reason to end.
+        let _ = writeln!(std::io::stdout(), "{command}");
+        let copied = match &mut self.clipboard {
+            Some(clipboard) => clipboard.set_text(command),
+            // Kept: on X11 what was copied is there for as long as its program.
+            none => arboard::Clipboard::new().and_then(|new| none.insert(new).set_text(command)),
+        };
+        self.state.message = match copied {
+            Ok(()) => "copied the command line, and printed it".to_owned(),
+            Err(error) => format!("printed the command line; it could not be copied ({error})"),
+        };
+        self.redraw();
+    }
+
+    fn capture(&mut self, is_captured: bool) {
+        let Some(open) = &self.open else { return };
+        let window = &open.window;
+        let grabbed = if is_captured {
+            window
+                .set_cursor_grab(CursorGrabMode::Locked)
+                .or_else(|_| window.set_cursor_grab(CursorGrabMode::Confined))
+        } else {
+            window.set_cursor_grab(CursorGrabMode::None)
+        };
+        if let Err(error) = grabbed {
+            self.state.message = format!("the mouse cannot be held in the window ({error})");
+        }
+        window.set_cursor_visible(!is_captured);
+        self.redraw();
+    }
+
+    /// Takes what the renderer has told.
+    fn take_reports(&mut self, event_loop: &ActiveEventLoop) {
+        let Some(open) = &self.open else { return };
+        let reports: Vec<_> = open.reports.try_iter().collect();
+        for report in reports {
+            match report {
+                Report::Loaded(scene) => self.state.scene = Some(*scene),
+                Report::Message(message) => self.state.message = message,
+                Report::Failed(error) => self.fail(event_loop, *error),
+                Report::Seen(seen) => {
+                    self.state.framing = Some(seen.framing);
+                    self.status.samples = seen.samples;
+                    self.status.frame_ms = seen.frame_ms;
+                    self.status.rays_per_second = seen.rays_per_second;
+                    self.seen = Some(*seen);
+                }
+            }
+            self.redraw();
+        }
+        self.set_title();
+    }
+
+    fn set_title(&mut self) {
+        if self.last_title.is_some_and(|last| last.elapsed() < TITLE) {
+            return;
+        }
+        self.last_title = Some(Instant::now());
+        if let Some(open) = &self.open {
+            open.window.set_title(&overlay::title(&self.options.title, &self.state, &self.status));
+        }
+    }
+
+    /// Shows the newest picture with the panel.
+    fn show(&mut self) -> Result<(), PresentError> {
+        let Some(open) = &mut self.open else { return Ok(()) };
+        let size = open.presenter.size()?;
+        let is_resized = size.is_some() && open.size != size;
+        open.size = size;
+        if is_resized {
+            self.want();
+        }
+        let canvas = self.compose();
+        if let (Some(canvas), Some(open)) = (canvas, &mut self.open)
+            && open.presenter.show(&canvas)? == Shown::Yes
+        {
+            open.is_to_be_shown = false;
+            self.shown += 1;
+        }
+        Ok(())
+    }
+
+    /// The newest picture with the panel, of the size that the window takes.
+    fn compose(&self) -> Option<Canvas> {
+        let open = self.open.as_ref()?;
+        let (width, height) = open.size?;
+        let nothing = Canvas::default();
+        let picture = self.seen.as_ref().map_or(&nothing, |seen| &seen.canvas);
+        let mut canvas = picture.scaled(width, height);
+        if self.state.is_panel_open {
+            let font = Font::for_scale(open.window.scale_factor());
+            overlay::draw(&mut canvas, font, &self.state, &self.status);
+        }
+        Some(canvas)
+    }
+
+    /// Does the steps of the script that can be done.
+    fn follow_script(&mut self, event_loop: &ActiveEventLoop) {
+        while let Some(step) = self.options.script.as_mut().and_then(Script::next).cloned() {
+            let since = *self.step_since.get_or_insert_with(Instant::now);
+            if since.elapsed() > SCRIPT_PATIENCE {
+                return self.fail(event_loop, ViewError::Stuck { step: format!("{step:?}") });
+            }
+            if !self.do_step(event_loop, step) {
+                return;
+            }
+            (self.shown_before, self.step_since) = (None, None);
+            self.options.script.as_mut().map(Script::advance);
+        }
+    }
+
+    /// Does a step, or waits for what it waits for: then `false`.
+    fn do_step(&mut self, event_loop: &ActiveEventLoop, step: Step) -> bool {
+        let seen = self.seen.as_ref().filter(|seen| seen.serial == self.serial);
+        match step {
+            Step::Inputs(inputs) => {
+                // Nothing moves, and nothing is tuned, before there is a picture.
+                if self.seen.is_none() {
+                    return false;
+                }
+                inputs.into_iter().for_each(|input| self.hear(event_loop, input));
+            }
+            Step::Size(width, height) => {
+                let Some(open) = &self.open else { return false };
+                let size = PhysicalSize::new(width, height);
+                let current = open.window.inner_size();
+                // Some systems have a new size at once, others tell of it later.
+                if open.size != Some((width, height)) {
+                    if current != size {
+                        let _ = open.window.request_inner_size(size);
+                    }
+                    self.redraw();
+                    return false;
+                }
+            }
+            Step::Samples(samples) => {
+                let is_shown = self.open.as_ref().is_some_and(|open| !open.is_to_be_shown);
+                return is_shown && seen.is_some_and(|seen| seen.samples >= samples);
+            }
+            Step::Frames(frames) => {
+                let before = *self.shown_before.get_or_insert(self.shown);
+                let is_done = self.shown - before >= frames;
+                if !is_done {
+                    self.redraw();
+                }
+                return is_done;
+            }
+            Step::Message(text) => return self.state.message.starts_with(&text),
+            Step::Say(text) => {
+                let _ = writeln!(std::io::stdout(), "{text} {}", self.status.samples);
+            }
+            Step::Grab(path) => {
+                let saved = self.compose().map(|canvas| canvas.save(&path));
+                if let Some(Err(error)) = saved {
+                    let reason = format!("{}: {error}", path.display());
+                    self.fail(event_loop, ViewError::Window { reason });
+                }
+            }
+            Step::Quit => event_loop.exit(),
+        }
+        true
+    }
+
+    /// When there is something to do without an event.
+    fn next_turn(&self) -> ControlFlow {
+        let now = Instant::now();
+        let is_waiting = self.open.as_ref().is_some_and(|open| open.is_to_be_shown && open.size.is_some());
+        if is_waiting || self.options.script.as_ref().is_some_and(|script| !script.is_done()) {
+            ControlFlow::WaitUntil(now + RETRY)
+        } else if self.state.is_moving() {
+            ControlFlow::WaitUntil(self.last_tick + TICK)
+        } else {
+            ControlFlow::Wait
+        }
+    }
+}
+
+impl ApplicationHandler for App {
+    fn new_events(&mut self, _: &ActiveEventLoop, _: StartCause) {
+        self.turn = Instant::now();
+    }
+
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.open.is_some() {
+            return;
+        }
+        match self.open(event_loop) {
+            Ok(open) => self.open = Some(open),
+            Err(error) => self.fail(event_loop, error),
+        }
+        self.redraw();
+    }
+
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, (): ()) {
+        self.take_reports(event_loop);
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match event {
+            WindowEvent::CloseRequested => event_loop.exit(),
+            WindowEvent::Resized(_)
+            | WindowEvent::ScaleFactorChanged { .. }
+            | WindowEvent::Occluded(false) => {
+                self.redraw();
+            }
+            WindowEvent::RedrawRequested => match self.show() {
+                Ok(()) => {}
+                Err(PresentError::Window(reason)) => self.fail(event_loop, ViewError::Window { reason }),
+                Err(PresentError::Backend(source)) => self.lose(event_loop, source),
+            },
+            event => {
+                if let Some(input) = input_of(&event) {
+                    self.hear(event_loop, input);
+                }
+            }
+        }
+    }
+
+    fn device_event(&mut self, event_loop: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
+        if let DeviceEvent::MouseMotion { delta: (x, y) } = event {
+            self.hear(event_loop, Input::Motion { x, y });
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        self.follow_script(event_loop);
+        let elapsed = self.last_tick.elapsed();
+        if !self.state.is_moving() {
+            self.last_tick = Instant::now();
+        } else if elapsed >= TICK {
+            self.last_tick = Instant::now();
+            if self.state.tick(elapsed.as_secs_f64()) {
+                self.want();
+            }
+        }
+        if let Some(open) = &self.open
+            && open.is_to_be_shown
+        {
+            open.window.request_redraw();
+        }
+        event_loop.set_control_flow(self.next_turn());
+        self.longest_turn = self.longest_turn.max(self.turn.elapsed());
+    }
+
+    /// The window goes before its display does.
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        self.open = None;
+        self.clipboard = None;
+    }
+}
+
+impl App {
+    /// Ends with what was seen last, so that nothing is lost.
+    fn lose(&mut self, event_loop: &ActiveEventLoop, source: BackendError) {
+        let lights = self.state.lights();
+        let command = self.source.command(&Shot {
+            tuning: &self.state.tuning,
+            lights: &lights,
+            scale: self.state.scene.as_ref().and_then(|scene| scene.scale),
+            size: self.open.as_ref().and_then(|open| open.size).unwrap_or(self.options.size),
+            samples: self.status.samples.max(1),
+        });
+        self.fail(event_loop, ViewError::Lost { source, command });
+    }
+}
+
+/// What an event of the window means to the viewer.
+#[expect(clippy::cast_possible_truncation, reason = "rounded")]
+fn input_of(event: &WindowEvent) -> Option<Input> {
+    match event {
+        WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
+            let PhysicalKey::Code(key) = event.physical_key else { return None };
+            let (is_down, is_repeat) = (event.state == ElementState::Pressed, event.repeat);
+            Some(Input::Key { key, is_down, is_repeat })
+        }
+        WindowEvent::MouseInput { state, button: MouseButton::Left, .. } => {
+            Some(Input::Button { is_down: *state == ElementState::Pressed })
+        }
+        WindowEvent::CursorMoved { position, .. } => Some(Input::Pointer { x: position.x, y: position.y }),
+        WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => {
+            Some(Input::Wheel { notches: *y })
+        }
+        WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(delta), .. } => {
+            Some(Input::Wheel { notches: (delta.y / NOTCH) as f32 })
+        }
+        WindowEvent::Focused(false) => Some(Input::FocusLost),
+        _ => None,
+    }
+}

@@ -1,0 +1,159 @@
+//! The viewer: a window in which a model is looked at from all sides, and its relief is tuned.
+//!
+//! Two threads. The main one has the window: it hears the user (`input`, `controls`), keeps the camera and the
+//! settings (`state`, `camera`, `tuning`), puts text over the newest picture (`overlay`) and shows it (`present`). It
+//! never waits for the other, which renders (`renderer`): passes of a sample each over all pixels, begun anew whenever
+//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files.
+//!
+//! What is shown is what `emboss render` renders with the same arguments, to the bit: cameras go through the same
+//! [framing](crate::framing::frame), and scenes through the same [preparation](crate::render::prepare).
+
+mod app;
+mod camera;
+mod canvas;
+mod controls;
+mod input;
+mod overlay;
+mod present;
+mod reload;
+mod renderer;
+mod script;
+mod state;
+mod tuning;
+
+pub use script::{Script, ScriptError};
+pub use tuning::{Pose, Tuning};
+
+use crate::backend::BackendError;
+use crate::backend::select::BackendChoice;
+use crate::picture::Destination;
+use crate::render::{RenderError, Scene};
+use crate::settings::Settings;
+use std::error::Error;
+use std::path::PathBuf;
+
+/// Where the scene comes from, and how to ask for its picture again.
+pub trait Source: Send + Sync {
+    /// Reads the model and its maps as they are now. `zero` is the tuned one, which also stands for texels that are no
+    /// numbers.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>>;
+
+    /// The command line that makes the picture of `shot`.
+    fn command(&self, shot: &Shot<'_>) -> String;
+}
+
+/// What a [`Source`] gives.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The model.
+    pub scene: Scene,
+    /// How it is looked at before anything is tuned. The size is that of the window at first.
+    pub settings: Settings,
+    /// The scale of all height maps, where it is one.
+    pub scale: Option<f32>,
+    /// The texel value of no displacement of all height maps, where it is one.
+    pub zero: Option<f32>,
+    /// The files that it was read from. Those that an OBJ names lie beside it.
+    pub files: Vec<PathBuf>,
+}
+
+/// A picture that could be rendered.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot<'a> {
+    /// What differs from the scene as it was loaded.
+    pub tuning: &'a Tuning,
+    /// The lights, the tuned one among them.
+    pub lights: &'a [crate::settings::Light],
+    /// The scale of all height maps before it was tuned, where it is one.
+    pub scale: Option<f32>,
+    /// Width and height in pixels.
+    pub size: (u32, u32),
+    /// Samples of a pixel.
+    pub samples: u32,
+}
+
+/// What the viewer is asked for beside the scene.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What the window is called.
+    pub title: String,
+    /// Width and height of the window in pixels.
+    pub size: (u32, u32),
+    /// After how many samples of a pixel the picture is left as it is.
+    pub samples: u32,
+    /// What renders.
+    pub backend: BackendChoice,
+    /// The Vulkan device, by number or name.
+    pub device: Option<String>,
+    /// Whether the validation layers look on.
+    pub validate: bool,
+    /// Where pictures are saved: beside what is there already, with numbers.
+    pub output: Destination,
+    /// What is done in place of a user.
+    pub script: Option<Script>,
+}
+
+/// Why the viewer ended.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ViewError {
+    /// No window can be opened.
+    #[error("there is no display to open a window on ({reason}); `emboss render` makes pictures without one")]
+    NoDisplay {
+        /// What the system said.
+        reason: String,
+    },
+    /// The device that was asked for cannot show pictures in the window.
+    #[error(
+        "{source}; to show pictures a Vulkan device has to present to the window: `emboss view --backend cpu` does \
+         without, and `emboss render` needs no window"
+    )]
+    CannotPresent {
+        /// What is missing.
+        source: BackendError,
+    },
+    /// The window's system failed.
+    #[error("the window failed: {reason}; `emboss render` makes pictures without one")]
+    Window {
+        /// What it said.
+        reason: String,
+    },
+    /// A script waits for what does not come.
+    #[error("the script waits in vain for: {step}")]
+    Stuck {
+        /// The step.
+        step: String,
+    },
+    /// The scene cannot be read.
+    #[error("{0}")]
+    Source(Box<dyn Error + Send + Sync>),
+    /// The scene cannot be rendered.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// The device failed while it was used. So that nothing is lost, the message holds what was seen last.
+    #[error("{source}\nWhat was seen last: {command}")]
+    Lost {
+        /// What happened.
+        source: BackendError,
+        /// Its command line.
+        command: String,
+    },
+}
+
+impl From<BackendError> for ViewError {
+    fn from(error: BackendError) -> Self {
+        ViewError::Render(error.into())
+    }
+}
+
+/// Opens the window and stays until it is closed.
+///
+/// # Errors
+/// [`ViewError::NoDisplay`] and [`ViewError::CannotPresent`] where nothing can be shown; else what the scene, the device or
+/// the window failed with.
+pub fn run(source: Box<dyn Source>, options: Options) -> Result<(), ViewError> {
+    app::run(source.into(), options)
+}

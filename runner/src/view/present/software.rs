@@ -1,0 +1,51 @@
+//! By the window's system, without Vulkan.
+
+use super::super::canvas::Canvas;
+use super::{PresentError, Presenter};
+use crate::backend::vulkan::Shown;
+use softbuffer::{Context, SoftBufferError, Surface};
+use std::num::NonZeroU32;
+use std::sync::Arc;
+use winit::window::Window;
+
+pub(super) struct Software {
+    surface: Surface<Arc<Window>, Arc<Window>>,
+    /// The size that the surface has.
+    size: Option<(u32, u32)>,
+    window: Arc<Window>,
+}
+
+impl Software {
+    pub(super) fn new(window: Arc<Window>) -> Result<Self, SoftBufferError> {
+        let context = Context::new(Arc::clone(&window))?;
+        let surface = Surface::new(&context, Arc::clone(&window))?;
+        Ok(Software { surface, size: None, window })
+    }
+
+    fn try_show(&mut self, canvas: &Canvas) -> Result<Shown, SoftBufferError> {
+        let (Some(width), Some(height)) = (NonZeroU32::new(canvas.width), NonZeroU32::new(canvas.height))
+        else {
+            return Ok(Shown::NotYet);
+        };
+        if self.size != Some((canvas.width, canvas.height)) {
+            self.surface.resize(width, height)?;
+            self.size = Some((canvas.width, canvas.height));
+        }
+        let mut buffer = self.surface.buffer_mut()?;
+        buffer.copy_from_slice(&canvas.texels);
+        buffer.present()?;
+        Ok(Shown::Yes)
+    }
+}
+
+impl Presenter for Software {
+    fn size(&mut self) -> Result<Option<(u32, u32)>, PresentError> {
+        let size = self.window.inner_size();
+        Ok((size.width > 0 && size.height > 0).then_some((size.width, size.height)))
+    }
+
+    fn show(&mut self, canvas: &Canvas) -> Result<Shown, PresentError> {
+        self.window.pre_present_notify();
+        self.try_show(canvas).map_err(|error| PresentError::Window(error.to_string()))
+    }
+}

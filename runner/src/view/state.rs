@@ -1,0 +1,266 @@
+//! What the viewer knows and does, apart from the window.
+
+use super::camera::Camera;
+use super::controls::{Controls, Wish};
+use super::input::Input;
+use super::tuning::Tuning;
+use crate::framing::{Framing, View, intensity_for, key_light};
+use crate::settings::{Light, Settings, Subdivisions};
+use glam::{Quat, Vec3};
+
+/// The share of the target's distance that the camera flies in a second.
+const FLIGHT: f64 = 0.6;
+/// How much a notch of the wheel changes the speed.
+const SPEED_STEP: f64 = 1.25;
+/// By what angle arrow keys go round in a second, in radians.
+const ROUND: f64 = 1.2;
+/// By what angle a step turns the light, in radians.
+const LIGHT_STEP: f32 = 0.15;
+/// The longest time that a movement is computed for, in seconds: after a pause it goes on, it does not jump.
+const LONGEST_TICK: f64 = 0.1;
+
+/// The scene as it was loaded.
+#[derive(Clone, Debug)]
+pub(super) struct SceneInfo {
+    pub(super) settings: Settings,
+    pub(super) triangles: usize,
+    pub(super) subdivisions: Subdivisions,
+    /// Where it is one.
+    pub(super) scale: Option<f32>,
+    /// Where it is one.
+    pub(super) zero: Option<f32>,
+}
+
+/// What is to be done outside after an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Effect {
+    Nothing,
+    /// The picture is another.
+    Render,
+    /// The panel is.
+    Redraw,
+    Save,
+    CopyCommand,
+    Capture(bool),
+    Quit,
+}
+
+/// All that the viewer knows.
+#[derive(Debug)]
+pub(super) struct State {
+    pub(super) tuning: Tuning,
+    pub(super) is_panel_open: bool,
+    /// What was done last, for the panel.
+    pub(super) message: String,
+    pub(super) scene: Option<SceneInfo>,
+    /// What the newest picture's camera is.
+    pub(super) framing: Option<Framing>,
+    controls: Controls,
+    camera: Option<Camera>,
+    /// How fast the camera flies; 1 at first.
+    speed: f64,
+}
+
+impl State {
+    pub(super) fn new() -> State {
+        State {
+            tuning: Tuning::default(),
+            is_panel_open: true,
+            message: String::new(),
+            scene: None,
+            framing: None,
+            controls: Controls::default(),
+            camera: None,
+            speed: 1.0,
+        }
+    }
+
+    pub(super) fn speed(&self) -> f64 {
+        self.speed
+    }
+
+    /// Whether the camera moves by itself, so that [`tick`](Self::tick) is to be called.
+    pub(super) fn is_moving(&self) -> bool {
+        self.controls.flight().is_some() || self.controls.orbit().is_some()
+    }
+
+    /// Moves the camera by what is held down for some seconds. Whether it was.
+    pub(super) fn tick(&mut self, seconds: f64) -> bool {
+        let seconds = seconds.min(LONGEST_TICK);
+        let (flight, orbit, speed) = (self.controls.flight(), self.controls.orbit(), self.speed);
+        if flight.is_none() && orbit.is_none() {
+            return false;
+        }
+        self.move_camera(|camera| {
+            if let Some(way) = flight {
+                camera.fly(way * (FLIGHT * speed * seconds * camera.distance()));
+            }
+            if let Some((right, up)) = orbit {
+                camera.orbit(ROUND * right * seconds, ROUND * up * seconds);
+            }
+        })
+    }
+
+    /// What an input does.
+    pub(super) fn hear(&mut self, input: Input) -> Effect {
+        let Some(wish) = self.controls.hear(input) else { return Effect::Nothing };
+        let is_moved = |moved| if moved { Effect::Render } else { Effect::Nothing };
+        match wish {
+            Wish::Look(right, up) => is_moved(self.move_camera(|camera| camera.look(right, up))),
+            Wish::Orbit(right, up) => is_moved(self.move_camera(|camera| camera.orbit(right, up))),
+            Wish::Zoom(notches) => is_moved(self.move_camera(|camera| camera.zoom(notches))),
+            Wish::Speed(notches) => {
+                self.speed = (self.speed * SPEED_STEP.powf(f64::from(notches))).clamp(1e-3, 1e3);
+                Effect::Redraw
+            }
+            Wish::Panel => {
+                self.is_panel_open = !self.is_panel_open;
+                Effect::Redraw
+            }
+            Wish::Save => Effect::Save,
+            Wish::CopyCommand => Effect::CopyCommand,
+            Wish::Capture(is_captured) => Effect::Capture(is_captured),
+            Wish::Quit => Effect::Quit,
+            Wish::Reset => {
+                (self.camera, self.tuning.pose) = (None, None);
+                Effect::Render
+            }
+            wish => self.tune(wish),
+        }
+    }
+
+    /// A wish that concerns the settings.
+    fn tune(&mut self, wish: Wish) -> Effect {
+        let Some(scene) = &self.scene else { return Effect::Nothing };
+        let before = self.tuning.clone();
+        let (settings, tuning) = (&scene.settings, &mut self.tuning);
+        match wish {
+            Wish::Scale(steps) => tuning.step_scale(steps),
+            Wish::Zero(steps) => tuning.step_zero(steps, scene.zero.unwrap_or(0.5)),
+            Wish::Subdivisions(steps) => tuning.step_subdivisions(steps, scene.subdivisions),
+            Wish::Auto => tuning.toggle_auto(settings, scene.subdivisions),
+            Wish::Method => tuning.next_method(settings),
+            Wish::Shade => tuning.next_shade(settings),
+            Wish::Shadows => tuning.shadows = Some(!tuning.shadows.unwrap_or(settings.shadows)),
+            Wish::Smooth => tuning.smooth = Some(!tuning.smooth.unwrap_or(settings.smooth)),
+            Wish::Wrap => tuning.next_wrap(settings),
+            Wish::LightHere => {
+                let eye = self.framing.map(|framing| self.camera.map_or(framing.camera.eye, |c| c.eye()));
+                self.move_light(|_, _| eye);
+            }
+            Wish::LightRound(steps) => {
+                let turn = |position: Vec3, framing: &Framing| {
+                    let turn =
+                        Quat::from_axis_angle(framing.camera.up.normalize(), LIGHT_STEP * steps as f32);
+                    Some(framing.target + turn * (position - framing.target))
+                };
+                self.move_light(turn);
+            }
+            Wish::LightBack => tuning.light = None,
+            // The others are no settings.
+            _ => return Effect::Nothing,
+        }
+        if self.tuning == before { Effect::Nothing } else { Effect::Render }
+    }
+
+    /// The lights as they are now; empty where the camera's own light shines.
+    pub(super) fn lights(&self) -> Vec<Light> {
+        let base = self.scene.as_ref().map(|scene| self.tuning.settings(&scene.settings, (1, 1)).lights);
+        base.unwrap_or_default()
+    }
+
+    /// Puts the first light elsewhere; it keeps its colour and its intensity.
+    fn move_light(&mut self, to: impl Fn(Vec3, &Framing) -> Option<Vec3>) {
+        let Some(framing) = self.framing else { return };
+        let key = key_light(&framing);
+        let first = self.lights().first().copied();
+        let first = first.unwrap_or(Light {
+            position: key.position,
+            color: key.color,
+            intensity: Some(key.intensity),
+        });
+        let Some(position) = to(first.position, &framing) else { return };
+        let usual = || intensity_for(first.position, framing.target);
+        let intensity = Some(first.intensity.unwrap_or_else(usual));
+        self.tuning.light = Some(Light { position, intensity, ..first });
+    }
+
+    /// Moves the camera, from where the newest picture was taken at first. Not before there is one.
+    fn move_camera(&mut self, change: impl FnOnce(&mut Camera)) -> bool {
+        let camera = match (self.camera, self.framing, &self.scene) {
+            (Some(camera), ..) => Some(camera),
+            (None, Some(framing), Some(scene)) => {
+                let view: &View = &scene.settings.view;
+                Some(Camera::new(&framing, view))
+            }
+            _ => None,
+        };
+        let Some(mut camera) = camera else { return false };
+        change(&mut camera);
+        let is_moved = self.camera != Some(camera);
+        self.camera = Some(camera);
+        self.tuning.pose = Some(camera.pose());
+        is_moved
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::framing::frame;
+    use winit::keyboard::KeyCode;
+
+    fn key(key: KeyCode, is_down: bool) -> Input {
+        Input::Key { key, is_down, is_repeat: false }
+    }
+
+    /// With a scene of one map and no light of its own.
+    fn state() -> State {
+        let settings = Settings::default();
+        let framing = frame(&settings.view, &[], 1.5).expect("a camera");
+        let subdivisions = Subdivisions::Fixed(16);
+        let scene = SceneInfo { settings, triangles: 1, subdivisions, scale: Some(0.5), zero: Some(0.5) };
+        State { scene: Some(scene), framing: Some(framing), ..State::new() }
+    }
+
+    #[test]
+    fn nothing_is_tuned_before_the_scene_is_there() {
+        let mut state = State::new();
+        for code in [KeyCode::KeyM, KeyCode::Equal, KeyCode::KeyL, KeyCode::Period] {
+            assert_eq!(state.hear(key(code, true)), Effect::Nothing);
+        }
+        state.hear(key(KeyCode::KeyW, true));
+        assert!(!state.tick(0.01) && state.tuning == Tuning::default());
+    }
+
+    #[test]
+    fn flight_goes_on_while_the_key_is_held_and_reset_ends_it() {
+        let mut state = state();
+        state.hear(key(KeyCode::KeyW, true));
+        assert!(state.is_moving() && state.tick(0.05) && state.tick(0.05));
+        let (first, pose) = (state.framing.expect("framed").camera.eye, state.tuning.pose.expect("posed"));
+        let distance = f64::from(first.distance(state.framing.expect("framed").target));
+        // FLIGHT x distance a second, for a tenth of one.
+        assert!((f64::from(first.distance(pose.eye)) - 0.1 * FLIGHT * distance).abs() < 1e-5);
+        state.hear(key(KeyCode::KeyW, false));
+        assert!(!state.is_moving());
+        assert_eq!(state.hear(key(KeyCode::KeyR, true)), Effect::Render);
+        assert_eq!(state.tuning, Tuning::default());
+    }
+
+    #[test]
+    fn light_stays_where_it_is_put() {
+        let mut state = state();
+        assert!(state.lights().is_empty());
+        assert_eq!(state.hear(key(KeyCode::Period, true)), Effect::Render);
+        let (light, framing) = (state.lights()[0], state.framing.expect("framed"));
+        let key_light = key_light(&framing);
+        assert_eq!(light.intensity, Some(key_light.intensity));
+        let (a, b) = (light.position.distance(framing.target), key_light.position.distance(framing.target));
+        assert!((a - b).abs() < 1e-5 * a && light.position != key_light.position);
+        state.hear(key(KeyCode::KeyL, true));
+        assert_eq!(state.lights()[0].position, framing.camera.eye);
+        state.hear(key(KeyCode::KeyK, true));
+        assert!(state.lights().is_empty());
+    }
+}

@@ -1,0 +1,303 @@
+//! What a user changes while looking.
+
+use crate::framing::View;
+use crate::render::Scene;
+use crate::scene::Relief;
+use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Shade, Subdivisions, Wrap};
+use clap::ValueEnum;
+use emboss_kernels::interface::MAX_SUBDIVISIONS;
+use glam::Vec3;
+
+/// What differs from the scene as it was loaded; `None` where nothing does.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tuning {
+    /// The camera.
+    pub pose: Option<Pose>,
+    /// What all scales are multiplied by.
+    pub exaggeration: Option<f32>,
+    /// The texel value of no displacement of all height maps.
+    pub zero: Option<f32>,
+    /// N.
+    pub subdivisions: Option<Subdivisions>,
+    /// How displaced triangles are intersected.
+    pub method: Option<Method>,
+    /// What pixels show.
+    pub shade: Option<Shade>,
+    /// Whether the surface is lit by its own normals.
+    pub smooth: Option<bool>,
+    /// Whether lights cast shadows.
+    pub shadows: Option<bool>,
+    /// How all maps are read outside [0,1).
+    pub wrap: Option<Wrap>,
+    /// What stands for the first light.
+    pub light: Option<Light>,
+}
+
+/// Where a camera is and what it looks at: all that `--eye`, `--target`, `--up` and `--fov` say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// The pinhole.
+    pub eye: Vec3,
+    /// The middle of the picture.
+    pub target: Vec3,
+    /// What is up in the picture.
+    pub up: Vec3,
+    /// Angle between the picture's upper and lower edge, in degrees.
+    pub fov: f32,
+}
+
+/// How much a step of the scale multiplies it by: seven double it.
+const SCALE_STEP: f32 = 1.1;
+/// A step of the zero.
+const ZERO_STEP: f32 = 0.02;
+/// Least and greatest side of micro-triangles in pixels: see [`Subdivisions::Auto`].
+const LEAST_PIXELS: f32 = 0.1;
+const MOST_PIXELS: f32 = 64.0;
+/// N where it no longer follows the camera, and was never another.
+const USUAL_SUBDIVISIONS: u32 = 16;
+
+impl Tuning {
+    /// The settings with this tuning, for a film of `size`.
+    pub fn settings(&self, base: &Settings, size: (u32, u32)) -> Settings {
+        let view = match self.pose {
+            None => base.view,
+            Some(Pose { eye, target, up, fov }) => {
+                View { eye: Some(eye), target: Some(target), up: Some(up), fov, ..base.view }
+            }
+        };
+        let mut lights = base.lights.clone();
+        if let Some(light) = self.light {
+            lights.truncate(lights.len().max(1));
+            match lights.first_mut() {
+                Some(first) => *first = light,
+                None => lights.push(light),
+            }
+        }
+        Settings {
+            width: size.0,
+            height: size.1,
+            method: self.method.unwrap_or(base.method),
+            shade: self.shade.unwrap_or(base.shade),
+            smooth: self.smooth.unwrap_or(base.smooth),
+            shadows: self.shadows.unwrap_or(base.shadows),
+            wrap: self.wrap.unwrap_or(base.wrap),
+            adaptive: self.subdivisions.map_or(base.adaptive, Subdivisions::pixels),
+            view,
+            lights,
+            ..base.clone()
+        }
+    }
+
+    /// The scene with this tuning.
+    pub fn scene(&self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        for relief in &mut scene.reliefs {
+            *relief = self.relief(relief);
+        }
+        if let Some(wrap) = self.wrap {
+            scene.reliefs.iter_mut().for_each(|relief| relief.wrap = Some(wrap));
+            scene.materials.iter_mut().for_each(|material| material.wrap = Some(wrap));
+        }
+        scene.subdivisions = self.subdivisions.map_or(scene.subdivisions, Subdivisions::most);
+        scene
+    }
+
+    /// A relief with this tuning's heights. One that is flat stays it: it stands for the lack of a map.
+    pub fn relief(&self, relief: &Relief) -> Relief {
+        if (relief.map.width, relief.map.height) == (1, 1) {
+            return relief.clone();
+        }
+        let scale = relief.scale * self.exaggeration.unwrap_or(1.0);
+        Relief { scale, zero: self.zero.unwrap_or(relief.zero), ..relief.clone() }
+    }
+
+    /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is loaded.
+    pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
+        // Height maps have their levels only where something is displaced.
+        let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
+        levels || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+    }
+
+    /// Whether heights differ, or whether there are any.
+    pub fn needs_other_heights(&self, other: &Tuning, base: &Settings) -> bool {
+        (self.exaggeration, self.zero, self.is_flat(base))
+            != (other.exaggeration, other.zero, other.is_flat(base))
+    }
+
+    /// Whether nothing is displaced.
+    fn is_flat(&self, base: &Settings) -> bool {
+        self.method.unwrap_or(base.method) == Method::None
+    }
+
+    /// Multiplies the scale by some steps.
+    pub fn step_scale(&mut self, steps: i32) {
+        let factor = self.exaggeration.unwrap_or(1.0) * SCALE_STEP.powi(steps);
+        // Up and down again is where it was, though floats round.
+        let is_one = (factor - 1.0).abs() < 1e-4;
+        self.exaggeration = (!is_one && factor.is_finite()).then_some(factor);
+    }
+
+    /// Moves the zero by some steps from where it is, `loaded` at first. It stays a texel value.
+    pub fn step_zero(&mut self, steps: i32, loaded: f32) {
+        let hundredths = (100.0 * (self.zero.unwrap_or(loaded) + ZERO_STEP * steps as f32)).round();
+        self.zero = Some((hundredths / 100.0).clamp(0.0, 1.0));
+    }
+
+    /// Doubles or halves N, which is `loaded` at first; where that follows the camera, micro-triangles halve or double.
+    pub fn step_subdivisions(&mut self, steps: i32, loaded: Subdivisions) {
+        self.subdivisions = Some(match self.subdivisions.unwrap_or(loaded) {
+            Subdivisions::Fixed(n) => {
+                let n = if steps > 0 { n.saturating_mul(2) } else { n / 2 };
+                Subdivisions::Fixed(n.clamp(1, MAX_SUBDIVISIONS))
+            }
+            Subdivisions::Auto { pixels } => {
+                let pixels = if steps > 0 { 0.5 * pixels } else { 2.0 * pixels };
+                Subdivisions::Auto { pixels: pixels.clamp(LEAST_PIXELS, MOST_PIXELS) }
+            }
+        });
+    }
+
+    /// Has N follow the camera, or no longer: then it is what it was `loaded` with.
+    pub fn toggle_auto(&mut self, settings: &Settings, loaded: Subdivisions) {
+        let subdivisions = match (self.subdivisions.unwrap_or(loaded), loaded) {
+            (Subdivisions::Fixed(_), _) => Subdivisions::Auto { pixels: 1.0 },
+            (Subdivisions::Auto { .. }, Subdivisions::Fixed(n)) => Subdivisions::Fixed(n),
+            (Subdivisions::Auto { .. }, Subdivisions::Auto { .. }) => Subdivisions::Fixed(USUAL_SUBDIVISIONS),
+        };
+        self.subdivisions = Some(subdivisions);
+        // The walk takes one N for all triangles.
+        if subdivisions.pixels().is_some() && self.method.unwrap_or(settings.method) == Method::GridWalk {
+            self.method = Some(Method::Quadtree);
+        }
+    }
+
+    /// The next method that takes the scene's maps, and N as it is.
+    pub fn next_method(&mut self, settings: &Settings) {
+        let mut method = next(self.method.unwrap_or(settings.method));
+        let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
+        if method == Method::GridWalk && (auto || settings.displacement != DisplacementKind::Height) {
+            method = next(method);
+        }
+        self.method = Some(method);
+    }
+
+    /// The next way to shade.
+    pub fn next_shade(&mut self, settings: &Settings) {
+        self.shade = Some(next(self.shade.unwrap_or(settings.shade)));
+    }
+
+    /// The next way to wrap maps.
+    pub fn next_wrap(&mut self, settings: &Settings) {
+        self.wrap = Some(next(self.wrap.unwrap_or(settings.wrap)));
+    }
+}
+
+/// The value after this one, in the order in which they are declared; after the last the first.
+fn next<T: ValueEnum + PartialEq>(value: T) -> T {
+    let all = T::value_variants();
+    let place = all.iter().position(|other| *other == value).unwrap_or(0);
+    all[(place + 1) % all.len()].clone()
+}
+
+/// What the command line calls a value.
+pub(super) fn name_of(value: &impl ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::HeightMap;
+
+    /// Of a map of that many texels.
+    fn relief(width: u32) -> Relief {
+        Relief::new(HeightMap { width, ..HeightMap::flat(0.5) }, 0.5, -0.25)
+    }
+
+    #[test]
+    fn scale_goes_up_and_down_to_where_it_was() {
+        let mut tuning = Tuning::default();
+        for steps in [1, 1, 1, -1, -1] {
+            tuning.step_scale(steps);
+        }
+        assert!((tuning.exaggeration.expect("a step is left") - 1.1).abs() < 1e-6);
+        assert!((tuning.relief(&relief(2)).scale + 0.275).abs() < 1e-6);
+        tuning.step_scale(-1);
+        assert_eq!(tuning, Tuning::default());
+    }
+
+    /// Another zero of a height map moves the surface; where there is no map there is nothing to move.
+    #[test]
+    fn what_has_no_map_stays_flat() {
+        let tuning = Tuning { zero: Some(0.0), exaggeration: Some(2.0), ..Tuning::default() };
+        let tuned = tuning.relief(&relief(1));
+        assert_eq!((tuned.zero, tuned.scale), (0.5, -0.25));
+        let tuned = tuning.relief(&relief(2));
+        assert_eq!((tuned.zero, tuned.scale), (0.0, -0.5));
+    }
+
+    #[test]
+    fn steps_end_at_the_limits() {
+        let mut tuning = Tuning::default();
+        tuning.step_zero(-1, 0.01);
+        assert_eq!(tuning.zero, Some(0.0));
+        tuning.step_zero(3, 0.01);
+        assert_eq!(tuning.zero, Some(0.06));
+        let one = Subdivisions::Fixed(1);
+        tuning.step_subdivisions(-1, one);
+        assert_eq!(tuning.subdivisions, Some(one));
+        tuning.subdivisions = Some(Subdivisions::Fixed(3000));
+        tuning.step_subdivisions(1, one);
+        assert_eq!(tuning.subdivisions, Some(Subdivisions::Fixed(MAX_SUBDIVISIONS)));
+        tuning.subdivisions = Some(Subdivisions::Auto { pixels: 0.15 });
+        tuning.step_subdivisions(1, one);
+        assert_eq!(tuning.subdivisions, Some(Subdivisions::Auto { pixels: LEAST_PIXELS }));
+    }
+
+    /// There and back; the grid walk, which takes no such N, makes way.
+    #[test]
+    fn n_follows_the_camera_and_no_longer() {
+        let settings = Settings { method: Method::GridWalk, ..Settings::default() };
+        let (mut tuning, loaded) = (Tuning::default(), Subdivisions::Fixed(5));
+        tuning.toggle_auto(&settings, loaded);
+        assert_eq!(tuning.subdivisions, Some(Subdivisions::Auto { pixels: 1.0 }));
+        assert_eq!(
+            (tuning.settings(&settings, (1, 1)).adaptive, tuning.method),
+            (Some(1.0), Some(Method::Quadtree))
+        );
+        let mut methods = vec![];
+        for _ in 0..3 {
+            tuning.next_method(&settings);
+            methods.extend(tuning.method);
+        }
+        assert!(!methods.contains(&Method::GridWalk), "{methods:?}");
+        tuning.toggle_auto(&settings, loaded);
+        assert_eq!(tuning.subdivisions, Some(loaded));
+    }
+
+    #[test]
+    fn methods_come_round_and_leave_out_the_walk_of_vectors() {
+        let round = |displacement| {
+            let (settings, mut tuning) =
+                (Settings { displacement, ..Settings::default() }, Tuning::default());
+            let mut methods = vec![];
+            while tuning.method != Some(Method::Quadtree) {
+                tuning.next_method(&settings);
+                methods.extend(tuning.method);
+            }
+            methods
+        };
+        assert_eq!(round(DisplacementKind::Height).len(), 4);
+        let of_vectors = round(DisplacementKind::Tangent);
+        assert_eq!(of_vectors, [Method::BruteForce, Method::None, Method::Quadtree]);
+    }
+
+    #[test]
+    fn tuned_light_stands_for_the_first() {
+        let light = |x: f32| Light { position: Vec3::X * x, color: Vec3::ONE, intensity: Some(x) };
+        let tuning = Tuning { light: Some(light(5.0)), ..Tuning::default() };
+        let lights = |lights| tuning.settings(&Settings { lights, ..Settings::default() }, (1, 1)).lights;
+        assert_eq!(lights(vec![]), [light(5.0)]);
+        assert_eq!(lights(vec![light(1.0), light(2.0)]), [light(5.0), light(2.0)]);
+    }
+}
