@@ -47,7 +47,7 @@ fn patchwork_is_exact() {
 
 #[test]
 fn filtered_maps_are_exact() {
-    court(&mut CpuBackend::new()).judge_filtered(rays(50_000, 10_000_000));
+    court(&mut CpuBackend::new()).judge_filtered(false, rays(50_000, 10_000_000));
 }
 
 /// What the grid walk gets wrong on the built-in scenes, by kind of ray: the first row of the accuracy table in

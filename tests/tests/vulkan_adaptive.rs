@@ -1,10 +1,12 @@
-//! Adaptive N on lavapipe: the CPU's pictures, no cracks, and every hit what the oracle finds.
+//! Adaptive N on lavapipe: the CPU's pictures, no cracks, and every hit what the oracle finds. In the
+//! [long mode](emboss_tests::long) the latter two on a hardware device, by 10^6 rays a case.
 
 use emboss::backend::Backend;
 use emboss::settings::{DisplacementKind, Settings};
 use emboss_kernels::interface::{MISS, height_format};
 use emboss_tests::compare::{against_cpu, rendered};
 use emboss_tests::exact::{Court, patchwork};
+use emboss_tests::long::{is_long, on_device, rays};
 use emboss_tests::oracle::Oracle;
 use emboss_tests::scenes::{self, builtin_scene};
 use emboss_tests::views::{greatest_step, near_a_vertex, rough, seen};
@@ -32,7 +34,11 @@ fn pictures_are_alike() {
 
 #[test]
 fn solids_seen_from_nearby_are_closed() {
-    let mut backend = lavapipe();
+    on_device(|backend| assert_solids_are_closed(backend, rays(3_000, 1_000_000)));
+}
+
+/// By so many rays each.
+fn assert_solids_are_closed(backend: &mut dyn Backend, count: usize) {
     let (mut numbers, mut greatest, mut again) = (Numbers::new(2), 0, 0);
     let solids = [(meshes::cube(), false), (meshes::icosphere(1), true)];
     for (turn, (solid, second_map)) in solids.into_iter().cycle().take(3).enumerate() {
@@ -46,9 +52,9 @@ fn solids_seen_from_nearby_are_closed() {
         let job = seen(scene, eye, 0.2, most, &settings);
         greatest = greatest.max(greatest_step(&job));
         backend.load(&job.buffers, &job.frame, job.features).unwrap();
-        let rays = LeakRays::new(&job, &placed.inside, numbers.bits()).rays(0, 3_000);
-        let hits = backend.trace_rays(&rays).unwrap();
-        for (ray, _) in rays.iter().zip(&hits).filter(|(_, hit)| hit.primitive == MISS) {
+        let traced = LeakRays::new(&job, &placed.inside, numbers.bits()).rays(0, count);
+        let hits = backend.trace_rays(&traced).unwrap();
+        for (ray, _) in traced.iter().zip(&hits).filter(|(_, hit)| hit.primitive == MISS) {
             // Lavapipe leaves all loops of eight rays after 65535 turns together, which rays through vectors come to. Alone
             // a ray has them for itself.
             let alone = backend.trace_rays(&[*ray]).unwrap()[0];
@@ -56,15 +62,19 @@ fn solids_seen_from_nearby_are_closed() {
             again += 1;
         }
     }
-    assert!(again < 100, "{again} rays were too dear to be a test");
+    let most = if is_long() { 0 } else { 100 };
+    assert!(again <= most, "{again} rays were too dear to be a test");
     assert!(greatest >= 16, "neighbours are alike: {greatest}");
-    finish(backend);
 }
 
 #[test]
 fn patchwork_seen_from_nearby_is_exact() {
-    let mut backend = lavapipe();
-    let mut court = Court::new(&mut backend, Oracle::of_vulkan);
+    on_device(|backend| judge_patchworks(backend, rays(4_000, 1_000_000)));
+}
+
+/// By so many rays each.
+fn judge_patchworks(backend: &mut dyn Backend, count: usize) {
+    let mut court = Court::new(backend, Oracle::of_vulkan);
     for turn in 0..2 {
         let scene = patchwork(turn, [height_format::UNORM16; 2], 1);
         let eye = Numbers::new(turn).direction() * 2.2;
@@ -72,8 +82,7 @@ fn patchwork_seen_from_nearby_is_exact() {
             &format!("patchwork {turn}"),
             &seen(scene, eye, 0.4, 32, &Settings::default()),
             turn,
-            4_000,
+            count,
         );
     }
-    finish(backend);
 }

@@ -1,10 +1,10 @@
-//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by as many rays for N up to 8, a tenth for the
-//! greater N, whose rays take lavapipe 40 to 150 us of processor time each, and a fifth in what is no grid case. With
+//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by as many rays for N of 1 and 3, a tenth for the
+//! greater N, whose rays take lavapipe up to 150 us of processor time each, and a fifth in what is no grid case. With
 //! `EMBOSS_RAYS=1000000` all grid cases have 10^6. In the [long mode](emboss_tests::long) they are as many as on the CPU,
 //! on a hardware device.
 
 use emboss_tests::exact::Court;
-use emboss_tests::long::{on_device, rays};
+use emboss_tests::long::{is_long, on_device, rays};
 use emboss_tests::oracle::Oracle;
 
 /// Has the quadtree of the device judged.
@@ -14,7 +14,7 @@ fn judge(cases: impl Fn(&mut Court<'_>)) {
 
 /// Rays of a grid case.
 fn grid_rays(n: u32) -> usize {
-    rays(if n <= 8 { 1_000_000 } else { 100_000 }, 100_000_000)
+    rays(if n < 8 { 1_000_000 } else { 100_000 }, 100_000_000)
 }
 
 #[test]
@@ -39,7 +39,8 @@ fn linear_normals_are_exact() {
 
 #[test]
 fn filtered_maps_are_exact() {
-    judge(|court| court.judge_filtered(rays(10_000, 10_000_000)));
+    // Where a pixel is wider than many micro-triangles rays take more turns of loops than lavapipe has.
+    judge(|court| court.judge_filtered(!is_long(), rays(10_000, 1_000_000)));
 }
 
 #[test]

@@ -924,7 +924,7 @@ mod tests {
     fn every_filtered_micro_vertex_lies_in_the_bounds_and_near_the_map() {
         let mut numbers = Numbers::new(27);
         let (mut same, mut changed) = (0, 0);
-        for round in 0..10_000 {
+        for round in 0..4_000 {
             let spread = [0.0, 0.1, 0.5][round % 3];
             let n = 1 + (numbers.unit() * 16.0) as u32;
             let prism = Prism::random(&mut numbers, n, spread, 0.3);
@@ -956,7 +956,7 @@ mod tests {
                 }
             }
         }
-        assert!(same > 100_000 && changed > 100_000, "{same} {changed}");
+        assert!(same > 40_000 && changed > 40_000, "{same} {changed}");
     }
 
     /// A vector along the normal alone displaces as its height does, to the bit.
