@@ -311,8 +311,8 @@ pub struct Tangent {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TexelScale {
-    /// Side of a texel on the base mesh, in model units: the largest of the triangles at the vertex; infinite where one has
-    /// no extent in its map.
+    /// Side of a texel on the base mesh, in model units: the largest of the triangles at the vertex; finite, and so large
+    /// that no level is read where one has no extent in its map.
     pub size: f32,
     /// How many texels a side a pixel is taken to cover at the most, a power of two. Boxes hold the surface as far as that.
     pub span: f32,
@@ -386,7 +386,8 @@ pub struct SeamSide {
     pub end: [f32; 2],
     /// Index of the triangle's [`Displacement`].
     pub displacement: u32,
-    /// The triangle's vertices at both ends, along whose axes vectors are. Heights do not read them.
+    /// The triangle's vertices at both ends, along whose axes vectors are, and whose
+    /// [`TexelScale`]s filtered maps are read by.
     pub vertices: [u32; 2],
 }
 

@@ -209,7 +209,7 @@ fn greatest_difference(finer: &Level, coarser: &Level, wrap: u32) -> f32 {
 
 /// How large the texels of `heights` are at the vertices of `mesh`.
 pub fn texel_scales(mesh: &Mesh, heights: &Heights) -> Vec<TexelScale> {
-    let unused = TexelScale { size: f32::INFINITY, span: 1.0 };
+    let unused = TexelScale { size: LARGEST, span: 1.0 };
     // Vertices that read the same texel at one place count as one, as the sides of seams there do.
     let key = |vertex: &Vertex| {
         (vertex.position.to_array().map(|x| (x + 0.0).to_bits()), vertex.u.to_bits(), vertex.v.to_bits())
@@ -221,12 +221,13 @@ pub fn texel_scales(mesh: &Mesh, heights: &Heights) -> Vec<TexelScale> {
         let texel =
             |vertex: Vertex| Vec2::new(vertex.u * map.map_width as f32, vertex.v * map.map_height as f32);
         let (to_b, to_c) = (texel(b) - texel(a), texel(c) - texel(a));
-        let area = (b.position - a.position).cross(c.position - a.position).length();
-        let size = (area / to_b.perp_dot(to_c).abs()).sqrt();
+        // In f64, since models may be so large or small that squares of areas are not there in f32.
+        let [p, q] = [b, c].map(|end| end.position.as_dvec3() - a.position.as_dvec3());
+        let size = (p.cross(q).length() / to_b.as_dvec2().perp_dot(to_c.as_dvec2()).abs()).sqrt();
         let extent = to_b.abs().max(to_c.abs()).max((to_c - to_b).abs()).max_element();
         let scale = TexelScale {
             // Of a triangle without area nothing is seen.
-            size: if size.is_nan() { 0.0 } else { size },
+            size: if size.is_nan() { 0.0 } else { rounded(size.min(LARGEST.into())) },
             span: power_of_two_below(extent * MOST_OF_TRIANGLE),
         };
         for vertex in [a, b, c] {
@@ -236,6 +237,9 @@ pub fn texel_scales(mesh: &Mesh, heights: &Heights) -> Vec<TexelScale> {
     }
     mesh.vertices.iter().map(|vertex| scales.get(&key(vertex)).copied().unwrap_or(unused)).collect()
 }
+
+/// The size of texels where a triangle has no extent in its map. Not infinite: the kernels interpolate it.
+const LARGEST: f32 = 1e30;
 
 /// What share of a triangle's extent in its map a pixel is taken to cover at the most: boxes, which hold the surface from
 /// wherever it is seen, get larger with it.

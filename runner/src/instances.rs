@@ -19,6 +19,9 @@ pub struct Part {
     pub places: Vec<DAffine3>,
 }
 
+/// Transforms that stretch a mesh more unevenly are refused: the square of that is computed with.
+const MOST_STRETCH: f32 = 1e9;
+
 /// Lengths to which transforms may take unit vectors: powers and products of them are within a float's range.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
@@ -46,7 +49,7 @@ pub fn placed(world_from_object: DAffine3) -> Option<Instance> {
     let finite = instance.object_from_world.as_flattened().iter().all(|x| x.is_finite());
     let back = magnitudes(affine(instance.object_from_world).matrix3);
     let shear = most_row_sum(magnitudes(stored.matrix3) * back);
-    (finite && shear <= Instance::MOST_SHEAR).then_some(instance)
+    (finite && stretch <= MOST_STRETCH && shear <= Instance::MOST_SHEAR).then_some(instance)
 }
 
 /// The instances of all parts, in their order, each part's in its own; the index of the part whose transform does not do

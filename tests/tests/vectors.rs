@@ -22,7 +22,7 @@ fn ready(scene: Scene, displacement: DisplacementKind, normals: Normals) -> Read
 
 /// Rays of a case.
 fn count() -> usize {
-    rays(20_000, 10_000_000)
+    rays(10_000, 10_000_000)
 }
 
 /// Has the CPU's quadtree judged.

@@ -1,4 +1,4 @@
-//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by as many rays for N of 1 and 3, a tenth for the
+//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by a quarter of the rays for N of 1 and 3, a tenth for the
 //! greater N, whose rays take lavapipe up to 150 us of processor time each, and a fifth in what is no grid case. With
 //! `EMBOSS_RAYS=1000000` all grid cases have 10^6. In the [long mode](emboss_tests::long) they are as many as on the CPU,
 //! on a hardware device.
@@ -14,7 +14,7 @@ fn judge(cases: impl Fn(&mut Court<'_>)) {
 
 /// Rays of a grid case.
 fn grid_rays(n: u32) -> usize {
-    rays(if n < 8 { 1_000_000 } else { 100_000 }, 100_000_000)
+    rays(if n < 8 { 250_000 } else { 100_000 }, 100_000_000)
 }
 
 #[test]

@@ -137,19 +137,26 @@ fn height_formats_and_wraps_are_alike() {
     let mut backend = lavapipe();
     let (scene, settings) = overhanging_quilt();
     let mut pictures = Vec::new();
-    for format in [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32] {
-        for wrap in WRAPS {
-            let map = Relief::new(relief(format), scene.reliefs[0].zero, 0.1);
-            let scene = Scene { reliefs: vec![map], ..scene.clone() };
-            let job = job(scene, &Settings { wrap, shade: Shade::Height, ..settings.clone() });
-            pictures.push(assert_alike(&mut backend, &job, &format!("format {format}, {wrap:?}")));
-        }
+    // All wraps of one format, and the other formats.
+    let cases = [
+        (height_format::UNORM8, 0),
+        (height_format::UNORM8, 1),
+        (height_format::UNORM8, 2),
+        (height_format::UNORM16, 1),
+        (height_format::FLOAT32, 2),
+    ];
+    for (format, wrap) in cases {
+        let map = Relief::new(relief(format), scene.reliefs[0].zero, 0.1);
+        let scene = Scene { reliefs: vec![map], ..scene.clone() };
+        let settings = Settings { wrap: WRAPS[wrap], shade: Shade::Height, ..settings.clone() };
+        let job = job(scene, &settings);
+        pictures.push(assert_alike(&mut backend, &job, &format!("format {format}, {:?}", WRAPS[wrap])));
     }
     // The three formats hold the same relief; the three wraps show it differently.
-    for (i, picture) in pictures.iter().enumerate() {
-        let same_as_first = |other: usize| Comparison::new(picture, &pictures[other], VISIBLE).strays() < 20;
-        assert!(same_as_first(i % 3), "{i}: formats differ");
-        assert!(!same_as_first((i + 1) % 3) && !same_as_first((i + 2) % 3), "{i}: wraps agree");
+    for (picture, (format, wrap)) in pictures.iter().zip(cases) {
+        let same_as = |other: usize| Comparison::new(picture, &pictures[other], VISIBLE).strays() < 20;
+        assert!(same_as(wrap), "{format}: formats differ");
+        assert!(!same_as((wrap + 1) % 3) && !same_as((wrap + 2) % 3), "{format}: wraps agree");
     }
     finish(backend);
 }

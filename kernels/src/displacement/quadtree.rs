@@ -574,8 +574,8 @@ impl Prism {
             let (j2, k2) = node.corner(2, n);
             let (a, b, c) = (self.caps.at(j0, k0), self.caps.at(j1, k1), self.caps.at(j2, k2));
             let (mut least, mut greatest) = (a.min(b).min(c), a.max(b).max(c));
-            let mut e = 0;
-            while coarse >> e != 0 {
+            let mut e = if field.is_adaptive() { 0 } else { 3 };
+            while e < 3 {
                 if coarse >> e & 1 != 0 {
                     let [a, b] = node.stretch_ends(e, field);
                     let (a, b) = (self.caps.at(a.0, a.1), self.caps.at(b.0, b.1));
@@ -621,19 +621,16 @@ impl Prism {
         let mut bounds = Bounds::EMPTY;
         // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once.
         let mut part = 0;
-        loop {
-            let e = part - (part > 0) as u32;
-            let [a, b] = node.stretch_ends(e, field);
-            let corners =
-                if part == 0 { [node.corner(0, n), node.corner(1, n), node.corner(2, n)] } else { [a, b, b] };
-            if part == 0 || coarse >> e & 1 != 0 {
-                let hull = self.hull(field, corners);
-                bounds = bounds.including(hull.min).including(hull.max);
+        while part < 4 {
+            let mut corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
+            if part > 0 {
+                let [a, b] = node.stretch_ends(part - 1, field);
+                corners = [a, b, b];
             }
-            part += 1;
-            if coarse >> (part - 1) == 0 {
-                break;
-            }
+            let hull = self.hull(field, corners);
+            bounds = bounds.including(hull.min).including(hull.max);
+            // The next edge that it touches and that is coarse; none where no edge is.
+            part = if field.is_adaptive() { next_part(coarse, part) } else { 4 };
         }
         if has_seams {
             let base = BaseTriangle::load(scene, self.primitive);
@@ -733,6 +730,16 @@ impl Prism {
         }
         bounds
     }
+}
+
+/// After `part`, the node itself (0) or edge `part - 1`, the next edge of `coarse`, counted from 1; 4 behind the last.
+#[inline]
+fn next_part(coarse: u32, part: u32) -> u32 {
+    let mut next = part + 1;
+    while next < 4 && coarse >> (next - 1) & 1 == 0 {
+        next += 1;
+    }
+    next
 }
 
 /// How far `eye` is from the farthest of three points, and so from the farthest of their triangle.

@@ -45,7 +45,7 @@ impl Viewpoint {
             detail: frame.detail,
             reach: frame.height_min.abs().max(frame.height_max.abs()),
             // The exponent of a power of two.
-            most_halvings: ((frame.subdivisions as f32).to_bits() >> 23) - 127,
+            most_halvings: ((frame.subdivisions.max(1) as f32).to_bits() >> 23) - 127,
             pixel: frame.pixel_side(),
         }
     }

@@ -164,7 +164,9 @@ impl<'a> HeightField<'a> {
         let texels = interpolate2(w, self.texel_scale(a), self.texel_scale(b), self.texel_scale(c));
         let to_eye = p - self.viewpoint.eye;
         let distance = sqrt(dot(to_eye, to_eye));
-        Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span: texels.y } }
+        // Weights may add up to more than 1 by an ulp, and boxes hold levels up to the greatest span.
+        let span = texels.y.min(self.span(a).max(self.span(b)).max(self.span(c)));
+        Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span } }
     }
 
     /// By how much filtered heights of `map` can differ from those of the map itself over points that are no farther from the

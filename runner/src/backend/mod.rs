@@ -74,8 +74,9 @@ impl SceneBuffers {
             if levels { mip_levels::texels(width, height) } else { u64::from(width) * u64::from(height) }
         };
         let texel_words = |map: &Displacement| {
-            // Where nothing is displaced levels are not read.
-            let texels = texels(map.map_width, map.map_height, filtered && map.scale != 0.0);
+            // Where no method displaces levels are not read.
+            let levels = filtered && features.method != method::NONE;
+            let texels = texels(map.map_width, map.map_height, levels);
             match map.format {
                 height_format::UNORM8 => texels.div_ceil(4),
                 height_format::UNORM16 => texels.div_ceil(2),
@@ -91,8 +92,11 @@ impl SceneBuffers {
         let within = |first: u32, words: u64, length: usize| u64::from(first) + words <= length as u64;
         let map_is_sound = |map: &Displacement| {
             let words = texel_words(map);
-            words > 0
-                && u64::from(map.map_width) * u64::from(map.map_height) <= u32::MAX.into()
+            map.map_width > 0
+                && map.map_height > 0
+                && texels(map.map_width, map.map_height, filtered) <= u32::MAX.into()
+                && map.roughness.is_finite()
+                && map.roughness >= 0.0
                 && within(map.first_word, words, self.height_texels.len())
         };
         // Those of sound maps.
@@ -135,7 +139,9 @@ impl SceneBuffers {
         let names_a_map = |triangle: &Triangle| is_a_map(triangle.displacement);
         let has_tangents =
             features.displacement != displacement_kind::TANGENT || self.tangents.len() >= self.vertices.len();
-        let has_texel_scales = !filtered || self.texel_scales.len() >= self.vertices.len();
+        let has_texel_scales = !filtered
+            || self.texel_scales.len() >= self.vertices.len()
+                && self.texel_scales.iter().all(|scale| scale.size.is_finite() && scale.span >= 1.0);
         let names_seams = |t: &Triangle| t.seams == NO_SEAMS || (t.seams as usize) < self.seams.len();
         let names_a_material = |triangle: &Triangle| (triangle.material() as usize) < self.materials.len();
         let color_words = |map: &Material| {
@@ -197,13 +203,13 @@ impl SceneBuffers {
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if traced && !has_texel_scales {
-            "there are fewer sizes of texels than vertices"
+            "a vertex has no size of texels"
         } else if displaced && !(1..=MAX_SUBDIVISIONS).contains(&frame.subdivisions) {
             "N is not between 1 and the limit"
         } else if adaptive && !(frame.subdivisions.is_power_of_two() && frame.detail > 0.0) {
             "the greatest N is no power of two, or there is no detail that N follows"
         } else if adaptive && features.method == method::GRID_WALK {
-            "the grid walk takes one N"
+            WALK_OF_AUTO
         } else if traced && !self.triangles.iter().all(names_a_material) {
             "a triangle names a material that is not there"
         } else if traced && !self.materials.iter().all(color_is_known) {
@@ -235,7 +241,7 @@ fn map_of(map: &Displacement) -> [u32; 5] {
 
 /// Finds out whether `new` differs from `loaded` in heights alone.
 fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<(), BackendError> {
-    let map = |d: &Displacement| (map_of(d), d.first_range);
+    let map = |d: &Displacement| (map_of(d), d.first_range, d.roughness.to_bits());
     let is_sound = |d: &Displacement| {
         d.scale.is_finite() && d.zero.is_finite() && d.height_min.is_finite() && d.height_max.is_finite()
     };
@@ -252,8 +258,13 @@ fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<
 /// Finds out whether `new` differs from `loaded` in nothing that the scene was packed or built for.
 fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     let Features { method, shade, shadows, smooth, counters, .. } = new;
-    let what = if (Features { method, shade, shadows, smooth, counters, ..loaded }) != new {
+    // Height maps are packed with their levels only where a method displaces.
+    let lacks_levels =
+        loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
+    let what = if lacks_levels || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new {
         "the features need another scene than the one loaded"
+    } else if new.adaptive != 0 && method == method::GRID_WALK {
+        WALK_OF_AUTO
     } else if new.displacement != displacement_kind::HEIGHT && method == method::GRID_WALK {
         WALK_OF_VECTORS
     } else {
@@ -264,6 +275,8 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
 
 /// What is wrong with a grid walk of vectors.
 const WALK_OF_VECTORS: &str = "the grid walk takes no vectors";
+/// What is wrong with one of triangles that are cut differently.
+const WALK_OF_AUTO: &str = "the grid walk takes one N";
 
 /// The frame of the loaded scene in another view: what the scene itself decides stays.
 fn with_view(loaded: &Frame, view: &Frame) -> Frame {
@@ -650,8 +663,14 @@ mod tests {
     fn levels_of_the_colour_map_are_checked_where_they_are_read() {
         let (mut scene, frame, features) = sound();
         let filtered = Features { filter: filter::TRILINEAR, ..features };
-        let error = scene.check(&frame, filtered).expect_err("a texel too few").to_string();
+        let check = |scene: &SceneBuffers| scene.check(&frame, filtered).map_err(|error| error.to_string());
+        assert!(check(&scene).expect_err("no sizes").contains("size of texels"));
+        scene.texel_scales = vec![TexelScale { size: 1.0, span: 1.0 }; 3];
+        let error = check(&scene).expect_err("a texel too few");
         assert!(error.contains("colour map"), "{error}");
+        scene.texel_scales[1].size = f32::INFINITY;
+        assert!(check(&scene).expect_err("no number").contains("size of texels"));
+        scene.texel_scales[1].size = 2.0;
         scene.color_texels.push(0);
         assert!(scene.check(&frame, filtered).is_ok());
         (scene.materials[0].color_width, scene.materials[0].color_height) = (u32::MAX, u32::MAX);
