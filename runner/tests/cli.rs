@@ -786,8 +786,8 @@ fn a_vector_map_of_one_channel_is_refused() {
 #[test]
 fn impossible_options_are_usage_errors() {
     let cases: [(&[&str], &str); 26] = [
-        (&["-", "-", "-", "-", "-", "0"], "N is a whole number from 1 to 4096"),
-        (&["-", "-", "-", "-", "-", "4097"], "N is a whole number from 1 to 4096"),
+        (&["-", "-", "-", "-", "-", "0"], "is no N; write a whole number from 1 to 4096"),
+        (&["-", "-", "-", "-", "-", "4097"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
         (&["-", "-", "-", "-", "inf"], "`inf` is not finite"),
         (&["--size=0x100"], "at least 1x1"),
