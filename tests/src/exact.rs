@@ -240,7 +240,7 @@ impl<'a> Court<'a> {
         }
     }
 
-    /// Scenes whose maps are filtered by their levels, seen from near; the first two of six where it is to be `short`.
+    /// Scenes whose maps are filtered by their levels, seen from near; the first of six where it is to be `short`.
     pub fn judge_filtered(&mut self, short: bool, count: usize) {
         let mut numbers = Numbers::new(8);
         let vectors = scenes::with_vectors(scenes::builtin("builtin:cube"), &mut numbers);
@@ -269,7 +269,7 @@ impl<'a> Court<'a> {
             ),
             ("vectors", Scene { subdivisions: 8, ..vectors }, tangent, Normals::Normalized),
         ];
-        let most = if short { 2 } else { cases.len() };
+        let most = if short { 1 } else { cases.len() };
         for (name, scene, displacement, normals) in cases.into_iter().take(most) {
             let bilinear = Settings { displacement, normals, width: 1, height: 1, ..Settings::default() };
             let plain = scenes::job(scene.clone(), &bilinear);

@@ -101,7 +101,7 @@ const SHARES: [usize; 7] = [350, 230, 248, 150, 20, 1, 1];
 
 /// Rays of a solid.
 fn rays_a_solid() -> usize {
-    long::rays(2_000_000, 200_000_000)
+    long::rays(1_000_000, 200_000_000)
 }
 
 /// Micro-triangles that the rays of a scene may be tested against at the greatest distance from the origin, for each
@@ -273,6 +273,6 @@ fn solids_under_filtered_maps_are_closed() {
     let kinds = [DisplacementKind::Height, DisplacementKind::Tangent, DisplacementKind::Object];
     let solids = [(meshes::cube(), false), (meshes::icosphere(1), true), (meshes::knot(), false)];
     for ((solid, second_map), seed) in solids.into_iter().zip(21..) {
-        assert_closed_under(&kinds, Filter::Trilinear, &solid, seed, second_map, rays_a_solid() / 80);
+        assert_closed_under(&kinds, Filter::Trilinear, &solid, seed, second_map, rays_a_solid() / 400);
     }
 }
