@@ -2,12 +2,13 @@
 
 use crate::counters::Counts;
 use crate::hit::Hit;
-use crate::interface::{Frame, PointLight};
-use crate::math::{at, dot, sqrt};
+use crate::interface::{Frame, PointLight, method};
+use crate::math::{at, dot, sqrt, unit};
 use crate::ray::TraversalRay;
+use crate::relief;
 use crate::scene::{Features, SceneView};
 use crate::shading::SurfaceInteraction;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// What a sample shows: a colour times the light that reaches it, summed up light after light.
 ///
@@ -31,6 +32,13 @@ pub struct DirectLighting {
     hit: Hit,
     /// Where they start: beyond the error of the hit point, on the viewer's side.
     origin: Vec3,
+    /// Where light arrives: there too, but of methods in image space where the relief was found.
+    shown: Vec3,
+    /// Texture coordinates and height there, which methods in image space take.
+    uv: Vec2,
+    height: f32,
+    /// How much of the light that is looked at comes through the relief; 1 but of methods in image space.
+    seen: f32,
     /// Unit geometric normal on that side.
     ng: Vec3,
     /// Unit normal that light is reflected by, turned as `ng` is.
@@ -47,22 +55,39 @@ impl DirectLighting {
             next_light: u32::MAX,
             hit: Hit::NONE,
             origin: Vec3::ZERO,
+            shown: Vec3::ZERO,
+            uv: Vec2::ZERO,
+            height: 0.0,
+            seen: 1.0,
             ng: Vec3::ZERO,
             ns: Vec3::ZERO,
         }
     }
 
-    /// A surface of that albedo, before any of the lights is looked at. `direction` is the primary ray's.
+    /// A surface of that albedo, before any of the lights is looked at. `ray` is the primary one.
     #[inline]
-    pub fn new(frame: &Frame, albedo: Vec3, direction: Vec3, hit: Hit, surface: &SurfaceInteraction) -> Self {
-        let behind = dot(direction, surface.ng) > 0.0;
+    pub fn new(
+        frame: &Frame,
+        features: Features,
+        albedo: Vec3,
+        ray: &TraversalRay,
+        hit: Hit,
+        surface: &SurfaceInteraction,
+    ) -> Self {
+        let behind = dot(ray.direction, surface.ng) > 0.0;
         let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
+        let origin = surface.spawn_origin(ng);
+        let in_image_space = method::is_image_space(features.method);
         DirectLighting {
             color: albedo,
             light: Vec3::splat(frame.ambient),
             next_light: 0,
             hit,
-            origin: surface.spawn_origin(ng),
+            origin,
+            shown: if in_image_space { surface.shown_point(features, ray) } else { origin },
+            uv: surface.uv,
+            height: surface.height,
+            seen: 1.0,
             ng,
             ns,
         }
@@ -76,19 +101,26 @@ impl DirectLighting {
         features: Features,
         counts: &mut Counts,
     ) -> (TraversalRay, bool) {
-        let mut toward = Vec3::Z;
+        let in_image_space = method::is_image_space(features.method);
+        let mut light = Vec3::ZERO;
         let mut found = false;
         while !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
-            toward = source.position - self.origin;
-            let cosine = self.cosine(features, toward);
-            found = features.shadows != 0 && cosine > 0.0;
-            if cosine > 0.0 && !found {
+            light = source.position;
+            let cosine = self.cosine(features, light - self.shown);
+            if in_image_space && features.shadows != 0 && cosine > 0.0 {
+                let wi = unit(light - self.shown);
+                self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, wi);
+            }
+            let lit = cosine * self.seen > 0.0;
+            found = features.shadows != 0 && lit;
+            if lit && !found {
                 self.add(&source, cosine);
             }
             self.next_light += 1;
         }
         counts.shadow_rays += found as u32;
+        let toward = light - self.origin;
         let distance = toward.length();
         (TraversalRay::new(self.origin, toward / distance, distance).leaving(self.hit), found)
     }
@@ -98,7 +130,7 @@ impl DirectLighting {
     pub fn add_unless_occluded(&mut self, scene: &SceneView<'_>, features: Features, met: Hit) {
         if !met.is_some() {
             let source = at(scene.lights, self.next_light - 1);
-            let cosine = self.cosine(features, source.position - self.origin);
+            let cosine = self.cosine(features, source.position - self.shown);
             self.add(&source, cosine);
         }
     }
@@ -106,8 +138,8 @@ impl DirectLighting {
     /// Adds a light that reaches the surface.
     #[inline]
     fn add(&mut self, source: &PointLight, cosine: f32) {
-        let toward = source.position - self.origin;
-        self.light += source.color * (source.intensity * cosine / toward.dot(toward));
+        let toward = source.position - self.shown;
+        self.light += source.color * (source.intensity * (cosine * self.seen) / toward.dot(toward));
     }
 
     /// The cosine by which light from the direction `toward`, of any length, is reflected: not above 0 from behind.
@@ -115,7 +147,10 @@ impl DirectLighting {
     fn cosine(&self, features: Features, toward: Vec3) -> f32 {
         let wi = toward / sqrt(toward.dot(toward));
         let geometric = wi.dot(self.ng);
-        if features.smooth == 0 || !(geometric > 0.0) {
+        if method::is_image_space(features.method) {
+            // What is behind the base triangle gives it no light either.
+            if geometric > 0.0 { wi.dot(self.ns) } else { 0.0 }
+        } else if features.smooth == 0 || !(geometric > 0.0) {
             geometric
         } else {
             softened_cosine(geometric, wi.dot(self.ns), self.ng.dot(self.ns))

@@ -205,16 +205,22 @@ pub enum RenderError {
         /// Which part.
         part: usize,
     },
-    /// The grid walk takes heights alone.
+    /// A method takes heights alone.
     #[error(
-        "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
+        "--method {method} takes heights along normals, but vectors displace anywhere; use --method quadtree"
     )]
-    WalkOfVectors,
-    /// The grid walk takes one N.
+    MethodOfVectors {
+        /// Which one.
+        method: Method,
+    },
+    /// A method takes one N.
     #[error(
-        "--method grid-walk walks through triangles of one N, but N is auto; use --method quadtree, or a number for N"
+        "--method {method} takes one N for all triangles, but N is auto; use --method quadtree, or a number for N"
     )]
-    WalkOfAuto,
+    MethodOfAuto {
+        /// Which one.
+        method: Method,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -251,11 +257,12 @@ fn available_memory() -> Option<u64> {
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
-    if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
-        return Err(RenderError::WalkOfVectors);
+    let method = settings.method;
+    if settings.displacement != DisplacementKind::Height && !method.takes_any_scene() {
+        return Err(RenderError::MethodOfVectors { method });
     }
-    if settings.adaptive.is_some() && settings.method == Method::GridWalk {
-        return Err(RenderError::WalkOfAuto);
+    if settings.adaptive.is_some() && !method.takes_any_scene() {
+        return Err(RenderError::MethodOfAuto { method });
     }
     check_texels(&reliefs)?;
     let tangents = match settings.displacement {
@@ -263,8 +270,8 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         DisplacementKind::Height | DisplacementKind::Object => Vec::new(),
     };
     let seams = match settings.weld {
-        Weld::On => SeamTable::find(&mut mesh, settings.displacement),
-        Weld::Off => SeamTable::default(),
+        Weld::On if !method.is_image_space() => SeamTable::find(&mut mesh, settings.displacement),
+        Weld::On | Weld::Off => SeamTable::default(),
     };
     let displaced = settings.method != Method::None;
     let reading = Reading { displaced, wrap: settings.wrap, filter: settings.filter };

@@ -115,7 +115,9 @@ impl Tuning {
     pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
-        levels || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        // Boxes are those of what rays meet: displaced or not.
+        let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
+        levels || boxes || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.
@@ -126,7 +128,11 @@ impl Tuning {
 
     /// Whether nothing is displaced.
     fn is_flat(&self, base: &Settings) -> bool {
-        self.method.unwrap_or(base.method) == Method::None
+        self.method_of(base) == Method::None
+    }
+
+    fn method_of(&self, base: &Settings) -> Method {
+        self.method.unwrap_or(base.method)
     }
 
     /// Multiplies the scale by some steps.
@@ -165,17 +171,19 @@ impl Tuning {
             (Subdivisions::Auto { .. }, Subdivisions::Auto { .. }) => Subdivisions::Fixed(USUAL_SUBDIVISIONS),
         };
         self.subdivisions = Some(subdivisions);
-        // The walk takes one N for all triangles.
-        if subdivisions.pixels().is_some() && self.method.unwrap_or(settings.method) == Method::GridWalk {
+        // Most methods take one N for all triangles.
+        if subdivisions.pixels().is_some() && !self.method_of(settings).takes_any_scene() {
             self.method = Some(Method::Quadtree);
         }
     }
 
     /// The next method that takes the scene's maps, and N as it is.
     pub fn next_method(&mut self, settings: &Settings) {
-        let mut method = next(self.method.unwrap_or(settings.method));
+        let mut method = next(self.method_of(settings));
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
-        if method == Method::GridWalk && (auto || settings.displacement != DisplacementKind::Height) {
+        let any = auto || settings.displacement != DisplacementKind::Height;
+        // Some do.
+        while any && !method.takes_any_scene() {
             method = next(method);
         }
         self.method = Some(method);
