@@ -6,6 +6,7 @@
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 pub mod bvh;
+pub mod tessellate;
 
 use crate::bvh::radix_sort::{self, Pairs};
 use crate::bvh::scan;
@@ -62,6 +63,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -82,6 +84,7 @@ pub fn render(
         materials,
         lights,
         instances,
+        micro_vertices,
     };
     let features = Features {
         method,
@@ -159,6 +162,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -180,6 +184,7 @@ pub fn trace_rays(
         materials,
         lights,
         instances,
+        micro_vertices,
     };
     let features = Features {
         method,
@@ -245,6 +250,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -266,6 +272,7 @@ pub fn bound_heights(
             materials,
             lights,
             instances,
+            micro_vertices,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -299,6 +306,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -320,6 +328,7 @@ pub fn decide_seams(
             materials,
             lights,
             instances,
+            micro_vertices,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -353,6 +362,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -383,6 +393,7 @@ pub fn prism_bounds(
             materials,
             lights,
             instances,
+            micro_vertices,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

@@ -93,8 +93,11 @@ pub mod binding {
     pub const TEXEL_SCALES: u32 = 39;
     /// `[Instance]`, read.
     pub const INSTANCES: u32 = 40;
+    /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate); none unless
+    /// that is the method. Written by `tessellate`, read by the rest.
+    pub const MICRO_VERTICES: u32 = 42;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 41;
+    pub const COUNT: u32 = 43;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -144,6 +147,8 @@ pub mod method {
     pub const GRID_WALK: u32 = 2;
     /// Bounded descent through an implicit quadtree of sub-triangles: the exact method.
     pub const QUADTREE: u32 = 3;
+    /// The micro-triangles stored, in a BVH of their own: vertex displacement (Cook, "Shade Trees", SIGGRAPH 1984). Exact.
+    pub const TESSELLATE: u32 = 4;
 }
 
 /// Values of [`spec::NORMALS`].

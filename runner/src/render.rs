@@ -215,9 +215,31 @@ pub enum RenderError {
         "--method grid-walk walks through triangles of one N, but N is auto; use --method quadtree, or a number for N"
     )]
     WalkOfAuto,
+    /// Micro-triangles are stored for one N, one view and one place.
+    #[error("--method tessellate stores micro-triangles once, but {what}; use --method quadtree")]
+    StoredOnce {
+        /// What asks for more.
+        what: &'static str,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
+}
+
+/// Refuses what asks for more than one stored surface.
+fn check_stored(settings: &Settings, instances: &[Instance]) -> Result<(), RenderError> {
+    let what = if !settings.method.is_stored() {
+        return Ok(());
+    } else if settings.adaptive.is_some() {
+        "N is auto, which follows the camera"
+    } else if settings.filter == Filter::Trilinear {
+        "with --filter trilinear heights follow the camera"
+    } else if !instances.is_empty() {
+        "instances have a place each"
+    } else {
+        return Ok(());
+    };
+    Err(RenderError::StoredOnce { what })
 }
 
 /// Finds out whether a picture fits in memory, before anything is computed for it. Where the system does not tell
@@ -257,6 +279,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     if settings.adaptive.is_some() && settings.method == Method::GridWalk {
         return Err(RenderError::WalkOfAuto);
     }
+    check_stored(settings, &instances)?;
     check_texels(&reliefs)?;
     let tangents = match settings.displacement {
         DisplacementKind::Tangent => mesh.split_by_tangents(),

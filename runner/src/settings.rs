@@ -15,6 +15,8 @@ pub enum Method {
     Quadtree,
     /// The grid walk of Smits, Shirley and Stark 2000
     GridWalk,
+    /// The N² micro-triangles stored, in a BVH of their own (vertex displacement): exact
+    Tessellate,
     /// Every one of the N² micro-triangles, the slow reference
     BruteForce,
     /// The base triangles, undisplaced
@@ -27,20 +29,26 @@ impl Method {
         match self {
             Method::Quadtree => method::QUADTREE,
             Method::GridWalk => method::GRID_WALK,
+            Method::Tessellate => method::TESSELLATE,
             Method::BruteForce => method::BRUTE_FORCE,
             Method::None => method::NONE,
         }
     }
 
     /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
-    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles.
+    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
             Method::Quadtree => 128,
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
-            Method::None => 64,
+            Method::None | Method::Tessellate => 64,
         }
+    }
+
+    /// Whether it intersects what is stored for one N, one view and one place of each triangle.
+    pub fn is_stored(self) -> bool {
+        self == Method::Tessellate
     }
 }
 

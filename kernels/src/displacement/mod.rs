@@ -9,6 +9,7 @@ pub mod seams;
 pub mod shading_normal;
 pub mod subdivisions;
 pub mod surface;
+pub mod tessellate;
 #[cfg(test)]
 pub(crate) mod test_prism;
 pub mod vector;

@@ -135,6 +135,7 @@ impl Backend for CpuBackend {
             method::NONE => pass.run::<{ method::NONE }>(&mut self.film, progress),
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(&mut self.film, progress),
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
+            method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(&mut self.film, progress),
             _ => pass.run::<{ method::QUADTREE }>(&mut self.film, progress),
         };
         add_totals(&mut self.totals, &totals, features.counters != 0);

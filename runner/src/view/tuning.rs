@@ -115,7 +115,10 @@ impl Tuning {
     pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
-        levels || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        let is_stored = |tuning: &Tuning| tuning.method.unwrap_or(base.method).is_stored();
+        levels
+            || is_stored(self) != is_stored(other)
+            || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.
@@ -165,17 +168,22 @@ impl Tuning {
             (Subdivisions::Auto { .. }, Subdivisions::Auto { .. }) => Subdivisions::Fixed(USUAL_SUBDIVISIONS),
         };
         self.subdivisions = Some(subdivisions);
-        // The walk takes one N for all triangles.
-        if subdivisions.pixels().is_some() && self.method.unwrap_or(settings.method) == Method::GridWalk {
+        // These take one N for all triangles.
+        let method = self.method.unwrap_or(settings.method);
+        if subdivisions.pixels().is_some() && (method == Method::GridWalk || method.is_stored()) {
             self.method = Some(Method::Quadtree);
         }
     }
 
     /// The next method that takes the scene's maps, and N as it is.
     pub fn next_method(&mut self, settings: &Settings) {
-        let mut method = next(self.method.unwrap_or(settings.method));
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
-        if method == Method::GridWalk && (auto || settings.displacement != DisplacementKind::Height) {
+        let is_refused = |method: Method| {
+            method == Method::GridWalk && (auto || settings.displacement != DisplacementKind::Height)
+                || method.is_stored() && (auto || settings.filter == Filter::Trilinear)
+        };
+        let mut method = next(self.method.unwrap_or(settings.method));
+        while is_refused(method) {
             method = next(method);
         }
         self.method = Some(method);
@@ -287,9 +295,9 @@ mod tests {
             }
             methods
         };
-        assert_eq!(round(DisplacementKind::Height).len(), 4);
+        assert_eq!(round(DisplacementKind::Height).len(), 5);
         let of_vectors = round(DisplacementKind::Tangent);
-        assert_eq!(of_vectors, [Method::BruteForce, Method::None, Method::Quadtree]);
+        assert_eq!(of_vectors, [Method::Tessellate, Method::BruteForce, Method::None, Method::Quadtree]);
     }
 
     #[test]

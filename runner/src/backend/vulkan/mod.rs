@@ -304,12 +304,17 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
+    /// micro-vertices and their boxes.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, count) in preparation(resident) {
             if count > 0 {
                 let program = self.programs.get(&self.device, kernel)?;
-                program.pipeline().bind(|at| resident.buffer(at));
+                let micro = kernel == Kernel::TessellateBounds;
+                program.pipeline().bind(|at| match at {
+                    binding::BOXES if micro => resident.micro_boxes(),
+                    _ => resident.buffer(at),
+                });
                 program.run_batches(&self.commands, count, 0)?;
             }
         }
@@ -348,7 +353,7 @@ impl VulkanBackend {
         let tree = resident.tree();
         builder.build(&self.commands, tree, &Scratch::new(&self.device, tree.state.count())?)?;
         let sound = tree.state.sound(&self.commands, &self.transfers)?;
-        let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
+        let (nodes, left_out) = (node_count(sound), tree.state.count() - sound);
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         self.built_cost = None;
         Ok(())
@@ -619,11 +624,14 @@ fn empty(
 }
 
 /// The kernels that prepare prisms in their order, each with how many items it runs over.
-fn preparation(resident: &Resident) -> [(Kernel, u32); 3] {
+fn preparation(resident: &Resident) -> [(Kernel, u32); 5] {
+    let [micro_vertices, micro_triangles] = resident.stored();
     [
         (Kernel::BoundHeights, resident.triangles()),
         (Kernel::DecideSeams, resident.seams()),
         (Kernel::PrismBounds, resident.triangles()),
+        (Kernel::Tessellate, micro_vertices),
+        (Kernel::TessellateBounds, micro_triangles),
     ]
 }
 

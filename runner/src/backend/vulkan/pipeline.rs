@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 19;
+pub(super) const MOST_BINDINGS: u32 = 20;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -34,6 +34,7 @@ macro_rules! scene_and {
             TANGENTS,
             TEXEL_SCALES,
             INSTANCES,
+            MICRO_VERTICES,
             $($more),*
         ]
     };
@@ -78,6 +79,8 @@ kernels! {
     BoundHeights: "bound_heights",
     DecideSeams: "decide_seams",
     PrismBounds: "prism_bounds",
+    Tessellate: "tessellate",
+    TessellateBounds: "tessellate_bounds",
     Probe: "probe",
     SumBlocks: "sum_blocks",
     ScanSerially: "scan_serially",
@@ -110,6 +113,8 @@ impl Kernel {
             Kernel::BoundHeights => "bounding the triangles' heights",
             Kernel::DecideSeams => "deciding the seams",
             Kernel::PrismBounds => "bounding the displaced triangles",
+            Kernel::Tessellate => "displacing micro-vertices",
+            Kernel::TessellateBounds => "bounding micro-triangles",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
@@ -138,7 +143,8 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams => scene_and![],
+            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate => scene_and![],
+            Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
             Kernel::PrismBounds => scene_and![BOXES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
             Kernel::ScanSerially => &[SCAN_VALUES],
@@ -190,6 +196,8 @@ impl Kernel {
             | Kernel::BoundHeights
             | Kernel::DecideSeams
             | Kernel::PrismBounds
+            | Kernel::Tessellate
+            | Kernel::TessellateBounds
             | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
@@ -244,6 +252,7 @@ impl Kernel {
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER],
+            Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }
