@@ -340,6 +340,7 @@ pub fn decide_seams(
 pub fn prism_bounds(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
+    #[spirv(spec_constant(id = 0, default = 3))] method: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
@@ -368,6 +369,7 @@ pub fn prism_bounds(
     if id.x < batch.count {
         let i = batch.first + id.x;
         let features = Features {
+            method,
             height_format,
             height_wrap,
             normals,

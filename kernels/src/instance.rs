@@ -47,6 +47,12 @@ impl Instance {
         point(&self.object_from_world, p)
     }
 
+    /// A vector of the world in object space.
+    #[inline]
+    pub fn object_vector(&self, v: Vec3) -> Vec3 {
+        vector(&self.object_from_world, v)
+    }
+
     /// A direction at right angles to a surface, as a unit vector in the world: by the inverse's transpose, so that it
     /// stays on its side of the surface in a mirror too. NaN where it is zero.
     #[inline]
@@ -80,7 +86,7 @@ impl Instance {
         let (object_ray, length) = TraversalRay::from_ray(Ray {
             origin: self.object_point(ray.origin),
             t_max,
-            direction: vector(&self.object_from_world, ray.direction),
+            direction: self.object_vector(ray.direction),
             padding: 0,
         });
         let left_primitive = if ray.left_instance == index { ray.left_primitive } else { MISS };

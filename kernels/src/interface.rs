@@ -147,8 +147,57 @@ pub mod method {
     pub const GRID_WALK: u32 = 2;
     /// Bounded descent through an implicit quadtree of sub-triangles: the exact method.
     pub const QUADTREE: u32 = 3;
-    /// The micro-triangles stored, in a BVH of their own: vertex displacement (Cook, "Shade Trees", SIGGRAPH 1984). Exact.
+    /// Vertex displacement: the micro-triangles are stored, in a BVH of their own:
+    /// [`tessellate`](crate::displacement::tessellate). Exact.
     pub const TESSELLATE: u32 = 4;
+    /// Inverse displacement mapping (Patterson, Hoggar and Logie 1991): the ray is followed through the prism:
+    /// [`inverse`](crate::displacement::inverse).
+    pub const INVERSE: u32 = 5;
+    /// Bump mapping (Blinn 1978): [`bump`](crate::relief::bump).
+    pub const BUMP: u32 = 6;
+    /// Blinn's other form of it, by a map of offsets.
+    pub const BUMP_OFFSET: u32 = 7;
+    /// Normal mapping.
+    pub const NORMAL_MAP: u32 = 8;
+    /// Parallax mapping (Kaneko and others 2001): [`parallax`](crate::relief::parallax).
+    pub const PARALLAX: u32 = 9;
+    /// Parallax mapping with offset limiting (Welsh 2004).
+    pub const PARALLAX_LIMITED: u32 = 10;
+    /// Steep parallax mapping (McGuire and McGuire 2005): [`steep`](crate::relief::steep).
+    pub const STEEP: u32 = 11;
+    /// Relief mapping (Policarpo, Oliveira and Comba 2005): [`binary`](crate::relief::binary).
+    pub const RELIEF: u32 = 12;
+    /// Parallax occlusion mapping (Tatarchuk 2006): [`occlusion`](crate::relief::occlusion).
+    pub const OCCLUSION: u32 = 13;
+    /// Pyramidal displacement mapping (Oh, Ki and Lee 2006).
+    pub const PYRAMID: u32 = 14;
+    /// Sphere tracing by a distance map (Donnelly 2005).
+    pub const SPHERE: u32 = 15;
+
+    /// Whether a method traces the base triangles and works in texture space from where a ray meets them:
+    /// see [`relief`](crate::relief).
+    #[inline]
+    pub const fn is_image_space(method: u32) -> bool {
+        method >= BUMP && method <= SPHERE
+    }
+
+    /// Whether rays meet the base triangles themselves.
+    #[inline]
+    pub const fn traces_base_mesh(method: u32) -> bool {
+        method == NONE || is_image_space(method)
+    }
+
+    /// Whether a method takes vector displacement, and an N that follows the camera.
+    #[inline]
+    pub const fn takes_any_scene(method: u32) -> bool {
+        method == NONE || method == BRUTE_FORCE || method == QUADTREE
+    }
+
+    /// Whether a method takes vector displacement.
+    #[inline]
+    pub const fn takes_vectors(method: u32) -> bool {
+        takes_any_scene(method) || method == TESSELLATE
+    }
 }
 
 /// Values of [`spec::NORMALS`].

@@ -33,6 +33,7 @@ pub mod math;
 pub mod parallel;
 pub mod probe;
 pub mod ray;
+pub mod relief;
 pub mod render;
 pub mod sampler;
 pub mod scene;

@@ -3,7 +3,7 @@
 use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::film::Sample;
-use crate::interface::{Intersection, MISS, Ray};
+use crate::interface::{Intersection, MISS, Ray, method};
 use crate::ray::TraversalRay;
 use crate::sampler::sample_2d;
 use crate::scene::{Features, SceneView};
@@ -45,11 +45,12 @@ pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &m
         return Intersection { t: f32::INFINITY, primitive: MISS, ..Intersection::default() };
     }
     counts.hits += 1;
-    let surface = SurfaceInteraction::new(scene, features, hit);
+    let surface = SurfaceInteraction::new(scene, features, &traversal_ray, hit);
+    let in_image_space = method::is_image_space(features.method);
     Intersection {
-        point: surface.point,
-        t: hit.t / length,
-        normal: surface.ng,
+        point: surface.shown_point(features, &traversal_ray),
+        t: if in_image_space { hit.t + surface.offset } else { hit.t } / length,
+        normal: if in_image_space { surface.ns } else { surface.ng },
         primitive: hit.primitive,
         point_error: surface.point_error,
         cell: hit.cell,

@@ -10,6 +10,7 @@ use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
+use crate::relief;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
 use crate::texture::{ColorTexels, Level};
@@ -39,21 +40,28 @@ pub struct SurfaceInteraction {
     /// Height that the triangle's own map gives there, in the mesh's units (seams may decide another), or the vector's length;
     /// 0 where nothing is displaced.
     pub height: f32,
+    /// Of methods in image space how far the relief is behind `point`, which is the base triangle's, along the ray that hit it;
+    /// of others 0. See [`relief`].
+    pub offset: f32,
 }
 
 impl SurfaceInteraction {
-    /// The surface at `hit`, which must be one.
+    /// The surface at `hit`, which must be one of `ray`.
     ///
     /// The error of the point is that of a sum of three products of rounded barycentrics: gamma(7) |b_i p_i| in
     /// pbrt-v4 (section 6.8.5), gamma(12) here, since Vulkan's division may be off by 2.5 ulp.
     #[inline]
-    pub fn new(scene: &SceneView<'_>, features: Features, hit: Hit) -> Self {
+    pub fn new(scene: &SceneView<'_>, features: Features, ray: &TraversalRay, hit: Hit) -> Self {
         let base = BaseTriangle::load(scene, hit.primitive);
         let (b1, b2) = (hit.b1, hit.b2);
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
         let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
-        let (p, w) = if features.method == method::NONE {
+        let is_flat = method::traces_base_mesh(features.method);
+        let is_smooth = features.method == method::INVERSE;
+        let (p, w) = if is_flat {
             ([base.p0, base.p1, base.p2], b)
+        } else if is_smooth {
+            (base.tangent_triangle(&field, b), b)
         } else {
             let cell = Cell::unpack(hit.cell);
             let corner = |e: u32| {
@@ -62,30 +70,36 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
+        // A tangent triangle has its corner there.
+        let on_triangle = if is_smooth { Vec3::X } else { b };
         let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
         let area = cross(e1, e2);
         let n = unit(area);
         let ng = if base.flipped { -n } else { n };
         let ns = if features.smooth == 0 {
             ng
-        } else if features.method == method::NONE {
+        } else if is_flat {
             base.vertex_normal(w, ng)
         } else {
             base.shading_normal(&field, w, ng)
         };
         let uv = base.uv(w);
-        let parts = if features.method == method::NONE { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
+        let parts = if is_flat || is_smooth { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
         let uv_area = (base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs();
         let mut surface = SurfaceInteraction {
-            point: interpolate(b, p[0], p[1], p[2]),
-            point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
+            point: interpolate(on_triangle, p[0], p[1], p[2]),
+            point_error: interpolate(on_triangle.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng,
             ns,
             uv,
             material: base.material,
             uv_density: sqrt(uv_area / dot(area, n)) / parts,
-            height: if features.method == method::NONE { 0.0 } else { height(&field, &base, w) },
+            height: if is_flat { 0.0 } else { height(&field, &base, w) },
+            offset: 0.0,
         };
+        if method::is_image_space(features.method) {
+            surface = relief::surface(scene, features, &field, &base, w, ray, hit, surface);
+        }
         if features.instances != 0 {
             let instance = at(scene.instances, hit.instance);
             surface = surface.placed(&instance);
@@ -104,6 +118,16 @@ impl SurfaceInteraction {
             ng: instance.world_normal(self.ng),
             ns: instance.world_normal(self.ns),
             ..self
+        }
+    }
+
+    /// The point that `ray`, which hit the surface, shows: that of the relief where it was found in image space, else `point`.
+    #[inline]
+    pub fn shown_point(&self, features: Features, ray: &TraversalRay) -> Vec3 {
+        if method::is_image_space(features.method) {
+            self.point + ray.direction * self.offset
+        } else {
+            self.point
         }
     }
 
@@ -161,7 +185,7 @@ pub fn shade_hit(
     if features.shade == shade::STEPS {
         return heat(steps as f32 / scene.frame.steps_scale.max(1) as f32);
     }
-    let surface = SurfaceInteraction::new(scene, features, hit);
+    let surface = SurfaceInteraction::new(scene, features, ray, hit);
     if features.shade == shade::NORMAL {
         surface.ns * 0.5 + Vec3::splat(0.5)
     } else if features.shade == shade::HEIGHT {
@@ -192,25 +216,34 @@ fn lit(
     let albedo = albedo(scene, features, ray, hit, surface);
     let behind = dot(ray.direction, surface.ng) > 0.0;
     let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
+    let point = surface.shown_point(features, ray);
+    let in_image_space = method::is_image_space(features.method);
     let mut light = Vec3::splat(frame.ambient);
     let mut i = 0;
     while i < frame.light_count {
         let source = at(scene.lights, i);
-        let to_light = source.position - surface.point;
+        let to_light = source.position - point;
         let squared = to_light.dot(to_light);
         let distance = sqrt(squared);
         let wi = to_light / distance;
         let geometric = wi.dot(ng);
-        let cosine = if features.smooth == 0 || !(geometric > 0.0) {
+        let cosine = if in_image_space {
+            // What is behind the base triangle gives it no light either.
+            if geometric > 0.0 { wi.dot(ns) } else { 0.0 }
+        } else if features.smooth == 0 || !(geometric > 0.0) {
             geometric
         } else {
             softened_cosine(geometric, wi.dot(ns), ng.dot(ns))
         };
-        if cosine > 0.0
+        let mut seen = 1.0;
+        if in_image_space && features.shadows != 0 && cosine > 0.0 {
+            seen = relief::light_seen(scene, features, hit, surface, wi);
+        }
+        if cosine * seen > 0.0
             && !(features.shadows != 0
                 && occluded(scene, features, hit, surface, wi, source.position, counts))
         {
-            light += source.color * (source.intensity * cosine / squared);
+            light += source.color * (source.intensity * (cosine * seen) / squared);
         }
         i += 1;
     }
@@ -451,6 +484,7 @@ mod tests {
             material: 0,
             uv_density: 0.0,
             height: 0.0,
+            offset: 0.0,
         };
         for direction in [surface.ng, -surface.ng] {
             let moved = (surface.spawn_origin(direction) - surface.point).as_dvec3();
@@ -487,23 +521,24 @@ mod tests {
 
     #[test]
     fn undisplaced_surface_is_smooth_by_its_vertex_normals() {
+        let ray = TraversalRay::new(Vec3::Z * 5.0, -Vec3::Z, f32::INFINITY);
         let hit = Hit { t: 5.0, primitive: 0, b1: 0.25, b2: 0.5, ..Hit::NONE };
         let smooth = Features { smooth: 1, ..FLAT };
         for scene in [pillow(), pillow().flipped()] {
-            let surface = SurfaceInteraction::new(&scene.view(), smooth, hit);
+            let surface = SurfaceInteraction::new(&scene.view(), smooth, &ray, hit);
             let expected =
                 (surface.point * 3.0_f32.sqrt().recip() + Vec3::Z * 3.0_f32.sqrt().recip()).normalize();
             assert_eq!(surface.ng, Vec3::Z);
             assert!(surface.ns.distance(expected) < 1e-6, "{} {expected}", surface.ns);
-            assert_eq!(SurfaceInteraction::new(&scene.view(), FLAT, hit).ns, surface.ng);
+            assert_eq!(SurfaceInteraction::new(&scene.view(), FLAT, &ray, hit).ns, surface.ng);
         }
         // Vertex normals of a mesh that is stored inside out point away from the side that shows.
         let mut inside_out = pillow();
         inside_out.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.normal);
-        assert!(SurfaceInteraction::new(&inside_out.view(), smooth, hit).ns.z > 0.5);
+        assert!(SurfaceInteraction::new(&inside_out.view(), smooth, &ray, hit).ns.z > 0.5);
         let mut bare = pillow();
         bare.vertices.iter_mut().for_each(|vertex| vertex.normal = Vec3::ZERO);
-        assert_eq!(SurfaceInteraction::new(&bare.view(), smooth, hit).ns, Vec3::Z);
+        assert_eq!(SurfaceInteraction::new(&bare.view(), smooth, &ray, hit).ns, Vec3::Z);
     }
 
     #[test]

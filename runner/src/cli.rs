@@ -262,10 +262,16 @@ impl CliError {
                 | InputError::Scene(SceneError::SceneFile { .. }),
             )
             | CliError::Render(
-                RenderError::Framing(_) | RenderError::WalkOfVectors | RenderError::WalkOfAuto,
+                RenderError::Framing(_)
+                | RenderError::MethodOfVectors { .. }
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
             )
             | CliError::View(ViewError::Render(
-                RenderError::Framing(_) | RenderError::WalkOfVectors | RenderError::WalkOfAuto,
+                RenderError::Framing(_)
+                | RenderError::MethodOfVectors { .. }
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
             )) => 2,
             // What the arguments name is read by the viewer's own thread.
             CliError::View(ViewError::Source(error)) => {

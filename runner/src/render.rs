@@ -205,17 +205,23 @@ pub enum RenderError {
         /// Which part.
         part: usize,
     },
-    /// The grid walk takes heights alone.
+    /// A method takes heights alone.
     #[error(
-        "--method grid-walk walks between least and greatest heights along normals, but vectors displace anywhere; use --method quadtree"
+        "--method {method} takes heights along normals, but vectors displace anywhere; use --method quadtree"
     )]
-    WalkOfVectors,
-    /// The grid walk takes one N.
+    MethodOfVectors {
+        /// Which one.
+        method: Method,
+    },
+    /// A method takes one N.
     #[error(
-        "--method grid-walk walks through triangles of one N, but N is auto; use --method quadtree, or a number for N"
+        "--method {method} takes one N for all triangles, but N is auto; use --method quadtree, or a number for N"
     )]
-    WalkOfAuto,
-    /// Micro-triangles are stored for one N, one view and one place.
+    MethodOfAuto {
+        /// Which one.
+        method: Method,
+    },
+    /// Micro-triangles are stored for one view and one place.
     #[error("--method tessellate stores micro-triangles once, but {what}; use --method quadtree")]
     StoredOnce {
         /// What asks for more.
@@ -230,8 +236,6 @@ pub enum RenderError {
 fn check_stored(settings: &Settings, instances: &[Instance]) -> Result<(), RenderError> {
     let what = if !settings.method.is_stored() {
         return Ok(());
-    } else if settings.adaptive.is_some() {
-        "N is auto, which follows the camera"
     } else if settings.filter == Filter::Trilinear {
         "with --filter trilinear heights follow the camera"
     } else if !instances.is_empty() {
@@ -273,11 +277,12 @@ fn available_memory() -> Option<u64> {
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
-    if settings.displacement != DisplacementKind::Height && settings.method == Method::GridWalk {
-        return Err(RenderError::WalkOfVectors);
+    let method = settings.method;
+    if settings.displacement != DisplacementKind::Height && !method.takes_vectors() {
+        return Err(RenderError::MethodOfVectors { method });
     }
-    if settings.adaptive.is_some() && settings.method == Method::GridWalk {
-        return Err(RenderError::WalkOfAuto);
+    if settings.adaptive.is_some() && !method.takes_any_scene() {
+        return Err(RenderError::MethodOfAuto { method });
     }
     check_stored(settings, &instances)?;
     check_texels(&reliefs)?;
@@ -286,8 +291,8 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         DisplacementKind::Height | DisplacementKind::Object => Vec::new(),
     };
     let seams = match settings.weld {
-        Weld::On => SeamTable::find(&mut mesh, settings.displacement),
-        Weld::Off => SeamTable::default(),
+        Weld::On if !method.is_image_space() => SeamTable::find(&mut mesh, settings.displacement),
+        Weld::On | Weld::Off => SeamTable::default(),
     };
     let displaced = settings.method != Method::None;
     let reading = Reading { displaced, wrap: settings.wrap, filter: settings.filter };

@@ -2,6 +2,7 @@
 
 use crate::framing::View;
 use crate::render::Scene;
+use clap::ValueEnum;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
 use glam::Vec3;
 use std::fmt;
@@ -19,6 +20,10 @@ pub enum Method {
     Tessellate,
     /// Every one of the N² micro-triangles, the slow reference
     BruteForce,
+    /// Inverse displacement mapping (Patterson 1991): N steps along the ray through each prism
+    Inverse,
+    /// Steep parallax mapping (McGuire 2005): the first of N layers below the relief. Silhouettes stay flat
+    Steep,
     /// The base triangles, undisplaced
     None,
 }
@@ -31,6 +36,8 @@ impl Method {
             Method::GridWalk => method::GRID_WALK,
             Method::Tessellate => method::TESSELLATE,
             Method::BruteForce => method::BRUTE_FORCE,
+            Method::Inverse => method::INVERSE,
+            Method::Steep => method::STEEP,
             Method::None => method::NONE,
         }
     }
@@ -42,13 +49,56 @@ impl Method {
             Method::Quadtree => 128,
             Method::GridWalk => 12 * subdivisions,
             Method::BruteForce => (2 * subdivisions).saturating_mul(subdivisions),
-            Method::None | Method::Tessellate => 64,
+            _ => 64,
         }
     }
 
-    /// Whether it intersects what is stored for one N, one view and one place of each triangle.
+    /// Whether it intersects what is stored for one view and one place of each triangle.
     pub fn is_stored(self) -> bool {
         self == Method::Tessellate
+    }
+
+    /// What N is to it, in a few words; `None` where it has no say.
+    pub fn parameter(self) -> Option<&'static str> {
+        match self {
+            Method::Quadtree | Method::GridWalk | Method::Tessellate | Method::BruteForce => Some("parts of each triangle's side"),
+            Method::Inverse => Some("steps through each prism"),
+            Method::Steep => Some("layers of the relief"),
+            Method::None => None,
+        }
+    }
+
+    /// Whether every ray hits the micro-triangle surface as exact arithmetic would have it, but for rounding.
+    pub fn is_exact(self) -> bool {
+        matches!(self, Method::Quadtree | Method::Tessellate | Method::BruteForce)
+    }
+
+    /// Whether it looks for the relief in texture space, from where a ray meets a base triangle.
+    pub fn is_image_space(self) -> bool {
+        method::is_image_space(self.id())
+    }
+
+    /// Whether the relief can be seen in the model's outline.
+    pub fn changes_silhouette(self) -> bool {
+        !method::traces_base_mesh(self.id())
+    }
+
+    /// Whether it takes vector displacement, and an N that follows the camera.
+    pub fn takes_any_scene(self) -> bool {
+        method::takes_any_scene(self.id())
+    }
+
+    /// Whether it takes vector displacement.
+    pub fn takes_vectors(self) -> bool {
+        method::takes_vectors(self.id())
+    }
+}
+
+/// Its name on the command line.
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.to_possible_value();
+        f.write_str(value.as_ref().map_or("", |value| value.get_name()))
     }
 }
 

@@ -440,6 +440,7 @@ fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
         material: 0,
         uv_density: 0.0,
         height: 0.0,
+        offset: 0.0,
     };
     surface.spawn_origin(direction)
 }

@@ -60,6 +60,11 @@ struct Compared {
     share: f64,
 }
 
+/// For hits that no ray found: only methods in image space look at it.
+fn any_ray() -> TraversalRay {
+    TraversalRay::new(Vec3::ZERO, Vec3::X, f32::INFINITY)
+}
+
 /// Compares shading normals all over a scene with finite differences.
 fn compare_normals(job: &ReadyJob, numbers: &mut Numbers, points: usize, compared: &mut Compared) {
     let surface = LimitSurface::new(&job.buffers, job.features);
@@ -67,7 +72,7 @@ fn compare_normals(job: &ReadyJob, numbers: &mut Numbers, points: usize, compare
     for _ in 0..points {
         let hit = somewhere(job, numbers);
         let w = LimitSurface::weights(hit.cell, hit.b1, hit.b2, job.frame.subdivisions);
-        let interaction = SurfaceInteraction::new(&view, job.features, hit);
+        let interaction = SurfaceInteraction::new(&view, job.features, &any_ray(), hit);
         let (ng, ns) = (interaction.ng.as_dvec3(), interaction.ns.as_dvec3());
         compared.points += 1;
         let expected = match surface.normal(hit.primitive, w) {
@@ -136,7 +141,7 @@ fn light_from_behind_the_surface_gives_nothing() {
             let eye = centre + numbers.direction() * size * 2.0;
             let target = centre + numbers.in_cube() * size * 0.3;
             let Some((ray, hit)) = traced(&ready, eye, (target - eye).normalize()) else { continue };
-            let surface = SurfaceInteraction::new(&ready.view(), ready.features, hit);
+            let surface = SurfaceInteraction::new(&ready.view(), ready.features, &ray, hit);
             let radiance = shade_hit(&ready.view(), ready.features, &ray, hit, 0, &mut Counts::default()).x;
             let (ng, ns) = (surface.ng.as_dvec3(), surface.ns.as_dvec3());
             let to_light = (light - surface.point).as_dvec3();
@@ -241,7 +246,7 @@ fn leaning(job: &ReadyJob, points: usize) -> [f64; 2] {
         // Every other one is moved to the border.
         let cell = if numbers.below(2) == 0 { Cell { j: 0, upper: false, ..cell } } else { cell };
         hit.cell = cell.pack();
-        let surface = SurfaceInteraction::new(&view, job.features, hit);
+        let surface = SurfaceInteraction::new(&view, job.features, &any_ray(), hit);
         let angle = f64::from(surface.ng.angle_between(surface.ns)).to_degrees();
         let seams = job.buffers.triangles[hit.primitive as usize].seams;
         let on_border = |e| {

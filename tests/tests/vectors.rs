@@ -139,6 +139,6 @@ fn grid_walk_refuses_vectors() {
     assert!(prepare(scenes::builtin("builtin:quilt"), &settings(DisplacementKind::Height)).is_ok());
     for kind in VECTORS {
         let refused = prepare(mushroom(4), &settings(kind)).expect_err("it cannot");
-        assert!(matches!(refused, RenderError::WalkOfVectors), "{refused}");
+        assert!(matches!(refused, RenderError::MethodOfVectors { .. }), "{refused}");
     }
 }

@@ -3,7 +3,7 @@
 use crate::aabb::Aabb;
 use crate::counters::Counts;
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::displacement::{brute_force, grid_walk, quadtree, tessellate};
+use crate::displacement::{brute_force, grid_walk, inverse, quadtree, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
@@ -212,6 +212,8 @@ fn intersect_primitive(
     let base = BaseTriangle::load(scene, primitive);
     if features.method == method::GRID_WALK {
         grid_walk::intersect(field, &base, ray, nearest, counts)
+    } else if features.method == method::INVERSE {
+        inverse::intersect(field, &base, ray, nearest, counts)
     } else if features.method == method::BRUTE_FORCE {
         counts.prisms += 1;
         brute_force::intersect(field, &base, ray, nearest, counts)

@@ -4,6 +4,7 @@ pub mod brute_force;
 pub mod cell;
 pub mod grid_walk;
 pub mod height_pyramid;
+pub mod inverse;
 pub mod quadtree;
 pub mod seams;
 pub mod shading_normal;

@@ -10,7 +10,7 @@ use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
     Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex,
-    displacement_kind, filter, normals,
+    displacement_kind, filter, method, normals,
 };
 use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
@@ -664,6 +664,14 @@ impl BaseTriangle {
         bounds.padded(28.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
     }
 
+    /// A box that holds the base triangle itself, padded as [`bounds`](Self::bounds) are.
+    #[inline]
+    pub fn flat_bounds(&self) -> Aabb {
+        let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
+        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        flat.padded(28.0 * UNIT_ROUNDOFF * magnitude)
+    }
+
     /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its greatest
     /// coordinate.
     fn vector_bounds(&self, field: &HeightField<'_>, flat: Aabb, magnitude: f32) -> Aabb {
@@ -837,7 +845,11 @@ pub(super) fn component<T: Copy>(v: [T; 3], i: u32) -> T {
 /// corners are infinite, since a box that takes in NaN may be any.
 pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -> Aabb {
     let base = BaseTriangle::load(scene, primitive);
-    let bounds = base.bounds(&HeightField::new(scene, features));
+    let bounds = if method::is_image_space(features.method) {
+        base.flat_bounds()
+    } else {
+        base.bounds(&HeightField::new(scene, features))
+    };
     if base.is_finite() { bounds } else { Aabb::EMPTY }
 }
 

@@ -131,12 +131,15 @@ impl Backend for CpuBackend {
         let features = self.scene.features();
         let pass = Pass { scene: self.scene.view(), features, sample };
         // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
+        let film = &mut self.film;
         let (flow, totals) = match features.method {
-            method::NONE => pass.run::<{ method::NONE }>(&mut self.film, progress),
-            method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(&mut self.film, progress),
-            method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(&mut self.film, progress),
-            method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(&mut self.film, progress),
-            _ => pass.run::<{ method::QUADTREE }>(&mut self.film, progress),
+            method::NONE => pass.run::<{ method::NONE }>(film, progress),
+            method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(film, progress),
+            method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(film, progress),
+            method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(film, progress),
+            method::INVERSE => pass.run::<{ method::INVERSE }>(film, progress),
+            method::STEEP => pass.run::<{ method::STEEP }>(film, progress),
+            _ => pass.run::<{ method::QUADTREE }>(film, progress),
         };
         add_totals(&mut self.totals, &totals, features.counters != 0);
         Ok(flow)

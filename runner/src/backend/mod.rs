@@ -200,8 +200,8 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if !self.seam_sides.iter().all(|side| below(&side.vertices, self.vertices.len())) {
             "a seam's side names a vertex that is not there"
-        } else if vectors && features.method == method::GRID_WALK {
-            WALK_OF_VECTORS
+        } else if vectors && !method::takes_vectors(features.method) {
+            METHOD_OF_VECTORS
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if traced && !has_texel_scales {
@@ -210,10 +210,10 @@ impl SceneBuffers {
             "N is not between 1 and the limit"
         } else if adaptive && !(frame.subdivisions.is_power_of_two() && frame.detail > 0.0) {
             "the greatest N is no power of two, or there is no detail that N follows"
-        } else if adaptive && features.method == method::GRID_WALK {
-            WALK_OF_AUTO
-        } else if is_stored(features) && (adaptive || filtered || features.instances != 0) {
-            "a tessellation is of one N, one view and one place"
+        } else if adaptive && !method::takes_any_scene(features.method) {
+            METHOD_OF_AUTO
+        } else if is_stored(features) && (filtered || features.instances != 0) {
+            "a tessellation is of one view and one place"
         } else if traced && !self.triangles.iter().all(names_a_material) {
             "a triangle names a material that is not there"
         } else if traced && !self.materials.iter().all(color_is_known) {
@@ -262,20 +262,23 @@ fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<
 /// Finds out whether `new` differs from `loaded` in nothing that the scene was packed or built for.
 fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     let Features { method, shade, shadows, smooth, counters, .. } = new;
-    // Height maps are packed with their levels only where a method displaces.
+    // Height maps are packed with their levels only where a method displaces. Boxes are those of the surface that rays
+    // meet, and methods in image space have no seams.
     let lacks_levels =
         loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
+    let other_boxes = method::is_image_space(loaded.method) != method::is_image_space(method);
     // Buffers and tree are those of micro-triangles, or not.
     let lacks_tessellation = is_stored(loaded) != is_stored(new);
     let what = if lacks_levels
+        || other_boxes
         || lacks_tessellation
         || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new
     {
         "the features need another scene than the one loaded"
-    } else if new.adaptive != 0 && method == method::GRID_WALK {
-        WALK_OF_AUTO
-    } else if new.displacement != displacement_kind::HEIGHT && method == method::GRID_WALK {
-        WALK_OF_VECTORS
+    } else if new.adaptive != 0 && !method::takes_any_scene(method) {
+        METHOD_OF_AUTO
+    } else if new.displacement != displacement_kind::HEIGHT && !method::takes_vectors(method) {
+        METHOD_OF_VECTORS
     } else {
         return Ok(());
     };
@@ -311,10 +314,10 @@ fn check_micro_triangles(frame: &Frame, features: Features) -> Result<(), Backen
     Err(BackendError::TooManyMicroTriangles { triangles, subdivisions, count, most })
 }
 
-/// What is wrong with a grid walk of vectors.
-const WALK_OF_VECTORS: &str = "the grid walk takes no vectors";
-/// What is wrong with one of triangles that are cut differently.
-const WALK_OF_AUTO: &str = "the grid walk takes one N";
+/// What is wrong with most methods of vectors.
+const METHOD_OF_VECTORS: &str = "the method takes no vectors";
+/// What is wrong with them where triangles are cut differently.
+const METHOD_OF_AUTO: &str = "the method takes one N";
 
 /// The frame of the loaded scene in another view: what the scene itself decides stays.
 fn with_view(loaded: &Frame, view: &Frame) -> Frame {

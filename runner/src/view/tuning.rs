@@ -115,10 +115,10 @@ impl Tuning {
     pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
-        let is_stored = |tuning: &Tuning| tuning.method.unwrap_or(base.method).is_stored();
-        levels
-            || is_stored(self) != is_stored(other)
-            || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        // Boxes are those of what rays meet: displaced or not.
+        let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
+        let stored = self.method_of(base).is_stored() != other.method_of(base).is_stored();
+        levels || boxes || stored || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.
@@ -129,7 +129,11 @@ impl Tuning {
 
     /// Whether nothing is displaced.
     fn is_flat(&self, base: &Settings) -> bool {
-        self.method.unwrap_or(base.method) == Method::None
+        self.method_of(base) == Method::None
+    }
+
+    fn method_of(&self, base: &Settings) -> Method {
+        self.method.unwrap_or(base.method)
     }
 
     /// Multiplies the scale by some steps.
@@ -168,9 +172,8 @@ impl Tuning {
             (Subdivisions::Auto { .. }, Subdivisions::Auto { .. }) => Subdivisions::Fixed(USUAL_SUBDIVISIONS),
         };
         self.subdivisions = Some(subdivisions);
-        // These take one N for all triangles.
-        let method = self.method.unwrap_or(settings.method);
-        if subdivisions.pixels().is_some() && (method == Method::GridWalk || method.is_stored()) {
+        // Most methods take one N for all triangles.
+        if subdivisions.pixels().is_some() && !self.method_of(settings).takes_any_scene() {
             self.method = Some(Method::Quadtree);
         }
     }
@@ -178,11 +181,13 @@ impl Tuning {
     /// The next method that takes the scene's maps, and N as it is.
     pub fn next_method(&mut self, settings: &Settings) {
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
+        let vectors = settings.displacement != DisplacementKind::Height;
         let is_refused = |method: Method| {
-            method == Method::GridWalk && (auto || settings.displacement != DisplacementKind::Height)
-                || method.is_stored() && (auto || settings.filter == Filter::Trilinear)
+            auto && !method.takes_any_scene()
+                || vectors && !method.takes_vectors()
+                || method.is_stored() && settings.filter == Filter::Trilinear
         };
-        let mut method = next(self.method.unwrap_or(settings.method));
+        let mut method = next(self.method_of(settings));
         while is_refused(method) {
             method = next(method);
         }
@@ -295,7 +300,7 @@ mod tests {
             }
             methods
         };
-        assert_eq!(round(DisplacementKind::Height).len(), 5);
+        assert_eq!(round(DisplacementKind::Height).len(), Method::value_variants().len());
         let of_vectors = round(DisplacementKind::Tangent);
         assert_eq!(of_vectors, [Method::Tessellate, Method::BruteForce, Method::None, Method::Quadtree]);
     }

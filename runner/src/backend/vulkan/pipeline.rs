@@ -251,7 +251,9 @@ impl Kernel {
             ],
             Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
-            Kernel::PrismBounds => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER],
+            Kernel::PrismBounds => {
+                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
+            }
             Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }

@@ -1,0 +1,103 @@
+//! Surface relief in image space: methods that trace the base triangles and look for the relief in texture space, from
+//! where a ray meets one of them, each in the file of its paper.
+//!
+//! None of them can change a silhouette, since a ray that misses the base triangles sees nothing, and none knows what lies
+//! beyond a triangle's edges: there the relief goes on as if the triangle did. What they see is the bilinear height field
+//! h(u, v), of which the micro-triangles of exact methods are the limit for a great N.
+//!
+//! A further method of this kind is an id in [`method`] between `BUMP` and `SPHERE`, a file here, and a branch in
+//! [`distance`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
+//! shadows of its own); on the host a variant of `settings::Method`.
+
+pub mod layers;
+pub mod steep;
+pub mod tangent_space;
+#[cfg(test)]
+pub(crate) mod test_ramp;
+
+use crate::displacement::surface::{BaseTriangle, HeightField};
+use crate::hit::Hit;
+use crate::interface::method;
+use crate::math::at;
+use crate::ray::TraversalRay;
+use crate::scene::{Features, SceneView};
+use crate::shading::SurfaceInteraction;
+use glam::Vec3;
+use tangent_space::{TangentRay, TangentSpace};
+
+/// What a method shows of the relief where a ray meets a base triangle, in the space of its mesh. `flat` is the base triangle
+/// there, at barycentric coordinates `w`.
+#[inline]
+#[expect(clippy::too_many_arguments, reason = "what was hit, as it is known already")]
+pub fn surface(
+    scene: &SceneView<'_>,
+    features: Features,
+    field: &HeightField<'_>,
+    base: &BaseTriangle,
+    w: Vec3,
+    ray: &TraversalRay,
+    hit: Hit,
+    flat: SurfaceInteraction,
+) -> SurfaceInteraction {
+    let space = TangentSpace::new(field, base, w);
+    let direction = object_vector(scene, features, hit, ray.direction);
+    let tangent_ray = space.ray(flat.uv, 0.0, direction);
+    let offset = distance(scene, features, &space, &tangent_ray, hit.t);
+    let uv = tangent_ray.uv(offset);
+    SurfaceInteraction {
+        uv,
+        ns: space.normal(space.slopes(uv), flat.ns),
+        height: space.height(uv),
+        offset,
+        ..flat
+    }
+}
+
+/// How far behind its hit on the base triangle a ray meets the relief, by the method that the features name; negative where it
+/// does before, at most by `t_hit`. In the world's lengths, as `ray` is.
+#[inline]
+fn distance(
+    scene: &SceneView<'_>,
+    features: Features,
+    space: &TangentSpace<'_>,
+    ray: &TangentRay,
+    t_hit: f32,
+) -> f32 {
+    let span = ray.span(space.heights(), -t_hit);
+    if !span.is_some() {
+        return 0.0;
+    }
+    let bracket = layers::search(space, ray, span, scene.frame.subdivisions);
+    if features.method == method::STEEP { steep::refine(bracket) } else { 0.0 }
+}
+
+/// How much the relief lets through of the light from the world's direction `wi`, 0 to 1, where `surface` is what
+/// [`surface()`] gave of the hit.
+///
+/// A ray towards the light starts on the relief itself, wherever the method found it.
+#[inline]
+pub fn light_seen(
+    scene: &SceneView<'_>,
+    features: Features,
+    hit: Hit,
+    surface: &SurfaceInteraction,
+    wi: Vec3,
+) -> f32 {
+    let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
+    let base = BaseTriangle::load(scene, hit.primitive);
+    let w = Vec3::new(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
+    let space = TangentSpace::new(&field, &base, w);
+    let ray = space.ray(surface.uv, surface.height, object_vector(scene, features, hit, wi));
+    let span = ray.span(space.heights(), 0.0);
+    if !span.is_some() {
+        return 1.0;
+    }
+    let n = scene.frame.subdivisions;
+    if features.method == method::STEEP { layers::light_seen(&space, &ray, span, n) } else { 1.0 }
+}
+
+/// A vector of the world in the space of the mesh that was hit.
+#[inline]
+fn object_vector(scene: &SceneView<'_>, features: Features, hit: Hit, v: Vec3) -> Vec3 {
+    if features.instances != 0 { at(scene.instances, hit.instance).object_vector(v) } else { v }
+}
