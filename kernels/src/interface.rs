@@ -169,7 +169,7 @@ pub mod method {
     pub const RELIEF: u32 = 12;
     /// Parallax occlusion mapping (Tatarchuk 2006): [`occlusion`](crate::relief::occlusion).
     pub const OCCLUSION: u32 = 13;
-    /// Pyramidal displacement mapping (Oh, Ki and Lee 2006).
+    /// Pyramidal displacement mapping (Oh, Ki and Lee 2006): [`pyramid`](crate::relief::pyramid).
     pub const PYRAMID: u32 = 14;
     /// Sphere tracing by a distance map (Donnelly 2005).
     pub const SPHERE: u32 = 15;

@@ -24,6 +24,8 @@ pub enum Method {
     Inverse,
     /// Steep parallax mapping (McGuire 2005): the first of N layers below the relief. Silhouettes stay flat
     Steep,
+    /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, N visits a level. Silhouettes stay flat
+    Pyramid,
     /// The base triangles, undisplaced
     None,
 }
@@ -38,6 +40,7 @@ impl Method {
             Method::BruteForce => method::BRUTE_FORCE,
             Method::Inverse => method::INVERSE,
             Method::Steep => method::STEEP,
+            Method::Pyramid => method::PYRAMID,
             Method::None => method::NONE,
         }
     }
@@ -61,9 +64,12 @@ impl Method {
     /// What N is to it, in a few words; `None` where it has no say.
     pub fn parameter(self) -> Option<&'static str> {
         match self {
-            Method::Quadtree | Method::GridWalk | Method::Tessellate | Method::BruteForce => Some("parts of each triangle's side"),
+            Method::Quadtree | Method::GridWalk | Method::Tessellate | Method::BruteForce => {
+                Some("parts of each triangle's side")
+            }
             Method::Inverse => Some("steps through each prism"),
             Method::Steep => Some("layers of the relief"),
+            Method::Pyramid => Some("visits for each level of the pyramid"),
             Method::None => None,
         }
     }

@@ -5,16 +5,18 @@ use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
 use emboss::backend::{Backend, BackendError};
 use emboss::render::Scene;
-use emboss::settings::{Method, Normals, Settings, Weld};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
+use emboss::settings::{Method, Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
-use emboss_kernels::interface::{Intersection, MISS, Ray, method};
+use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::Features;
 use emboss_tests::compare::rendered;
 use emboss_tests::scenes::{self, ReadyJob, VECTORS, builtin_scene};
 use emboss_tests::{Numbers, RaySource};
+use glam::Vec3;
 
 /// So many rays of each kind, as `builtin.rs` has them.
 fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
@@ -72,10 +74,7 @@ fn tessellate_is_quadtree_on_the_built_in_scenes() {
         for (n, of_each) in [(1, 400), (3, 400), (8, 400), (17, 400), (64, 200)] {
             // 64 on the knot is ten million.
             let n = if name == "builtin:knot" && n == 64 { 24 } else { n };
-            let exact = scenes::ready(
-                Scene { subdivisions: n, ..scenes::builtin(name) },
-                emboss::settings::Wrap::Repeat,
-            );
+            let exact = scenes::ready(Scene { subdivisions: n, ..scenes::builtin(name) }, Wrap::Repeat);
             assert_same_hits(&exact, &by(&exact, Method::Tessellate), u64::from(n), of_each);
         }
     }
@@ -120,6 +119,176 @@ fn tessellate_paints_the_picture_of_the_quadtree() {
     }
 }
 
+// --- Methods that follow the bilinear height field ---------------------------------------------------------------
+
+/// Texels of the smooth map a side.
+const SIDE: u16 = 32;
+/// Its greatest height.
+const TOP: f64 = 0.15;
+
+/// Waves that repeat: three of them a side, lower ones across.
+fn texel(x: u16, y: u16) -> f32 {
+    let turn = |i: u16, waves: f64| (std::f64::consts::TAU * waves * f64::from(i) / f64::from(SIDE)).sin();
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+    let texel = (0.5 + 0.25 * turn(x, 3.0) + 0.25 * turn(y, 2.0) * turn(x, 1.0)) as f32;
+    texel
+}
+
+/// The square [0, 1]² in the plane z = 0 under the waves, whose texture coordinates are x and y.
+fn waves(n: u32) -> Scene {
+    let corner = |x: f32, y: f32| Vertex { position: Vec3::new(x, y, 0.0), normal: Vec3::Z, u: x, v: y };
+    let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+    // The first row is the top one.
+    let texels = (0..SIDE).rev().flat_map(|y| (0..SIDE).map(move |x| texel(x, y).to_bits())).collect();
+    let (side, format) = (u32::from(SIDE), height_format::FLOAT32);
+    let map = HeightMap { width: side, height: side, format, texels, range: (0.0, 1.0), replaced: 0 };
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+    let relief = Relief::new(map, 0.0, TOP as f32);
+    Scene {
+        mesh: Mesh::from_triangles(&corners, &[[0, 1, 2], [0, 2, 3]]),
+        reliefs: vec![relief],
+        materials: vec![Material::default()],
+        parts: vec![],
+        subdivisions: n,
+    }
+}
+
+/// The bilinear height of the waves, in `f64`.
+fn height(x: f64, y: f64) -> f64 {
+    let side = f64::from(SIDE);
+    let (x, y) = (x * side - 0.5, y * side - 0.5);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a texel of the map")]
+    let at = |i: f64, j: f64| f64::from(texel(i.rem_euclid(side) as u16, j.rem_euclid(side) as u16));
+    let (i, j) = (x.floor(), y.floor());
+    let (s, t) = (x - i, y - j);
+    let row = |j: f64| at(i, j) * (1.0 - s) + at(i + 1.0, j) * s;
+    TOP * (row(j) * (1.0 - t) + row(j + 1.0) * t)
+}
+
+/// Where the ray first meets the waves over the whole plane, by 20,000 steps between the greatest and the least height, and bisection.
+fn first_crossing(ray: &Ray) -> f64 {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let above = |t: f64| {
+        let p = o + d * t;
+        p.z - height(p.x, p.y)
+    };
+    let (near, far) = ((TOP - o.z) / d.z, -o.z / d.z);
+    let step = (far - near) / 20_000.0;
+    let mut low = near;
+    while above(low + step) > 0.0 && low < far {
+        low += step;
+    }
+    let mut high = low + step;
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if above(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// Rays from above, at 10 to 60 degrees, that meet the plane and the waves well within the square, each with where that is.
+fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
+    let mut numbers = Numbers::new(12);
+    let mut rays = Vec::new();
+    while rays.len() < count {
+        let target = Vec3::new(numbers.between(0.2, 0.8), numbers.between(0.2, 0.8), 0.0);
+        let angle = numbers.between(0.0, std::f32::consts::TAU);
+        let slope = numbers.between(0.18, 1.7);
+        let direction = Vec3::new(angle.cos(), angle.sin(), -slope).normalize();
+        let ray = Ray { origin: target - direction * 2.0, t_max: 10.0, direction, padding: 0 };
+        let t = first_crossing(&ray);
+        let p = ray.origin.as_dvec3() + ray.direction.as_dvec3() * t;
+        if p.x.min(p.y) > 0.05 && p.x.max(p.y) < 0.95 {
+            rays.push((ray, t));
+        }
+    }
+    rays
+}
+
+/// The share of rays for which a method finds another place than the first crossing: more than 10^-5 away, which is ten times what
+/// rounding makes of a distance of 2 where the ray and the waves are at least a few degrees apart.
+fn share_wrong(method: Method, n: u32, rays: &[(Ray, f64)]) -> f64 {
+    let settings = Settings { method, width: 1, height: 1, ..Settings::default() };
+    let job = scenes::job(waves(n), &settings);
+    let mut backend = CpuBackend::new();
+    backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+    let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
+    let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
+    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < 1e-5);
+    hits.iter().zip(rays).filter(is_wrong).count() as f64 / rays.len() as f64
+}
+
+/// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
+/// radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. All others are where they should be,
+/// whatever N.
+#[test]
+fn inverse_misses_less_with_the_square_of_n() {
+    let rays = rays_to_waves(20_000);
+    let shares = [8, 16, 32, 64].map(|n| share_wrong(Method::Inverse, n, &rays));
+    println!("inverse, N = 8, 16, 32, 64: {shares:?}");
+    for pair in shares.windows(2) {
+        // 4, less what chance makes of some dozens.
+        assert!(pair[0] > 2.5 * pair[1], "{shares:?}");
+    }
+    assert!(shares[0] > 0.002 && shares[3] < 0.001, "{shares:?}");
+}
+
+/// Its hits are those of bilinear patches; N only says when it gives up: the share of rays that are not done falls, and there
+/// is none once N is enough.
+#[test]
+fn pyramid_finds_each_first_crossing_once_n_is_enough() {
+    let rays = rays_to_waves(5_000);
+    let shares = [2, 4, 8, 16].map(|n| share_wrong(Method::Pyramid, n, &rays));
+    println!("pyramid, N = 2, 4, 8, 16: {shares:?}");
+    assert!(shares.is_sorted_by(|a, b| a >= b) && shares[0] > 0.1, "{shares:?}");
+    // A ray that grazes a crest by less than rounding may pass it.
+    assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
+}
+
+/// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen to a
+/// texel, these are off by less than a patch bends in a cell.
+#[test]
+fn the_quadtree_comes_to_the_same_places() {
+    let rays = rays_to_waves(2_000);
+    let settings = Settings { width: 1, height: 1, ..Settings::default() };
+    let job = scenes::job(waves(512), &settings);
+    let mut backend = CpuBackend::new();
+    backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+    let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
+    let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
+    // What is off in height by up to 10^-5 is off by some ten times that along a ray that grazes.
+    let far = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < 1e-3);
+    let far = hits.iter().zip(&rays).filter(far).count();
+    assert!(far * 200 < rays.len(), "{far} of {}", rays.len());
+}
+
+/// Without height all show the base mesh: hits to within rounding, and the very silhouette.
+#[test]
+fn flat_maps_show_the_base_mesh() {
+    let mut scene = scenes::builtin("builtin:cube");
+    (scene.reliefs[0].scale, scene.subdivisions) = (0.0, 4);
+    let settings = Settings { width: 1, height: 1, method: Method::None, ..Settings::default() };
+    let flat = scenes::job(scene.clone(), &settings);
+    let rays = rays(&flat, 3, 400);
+    let mut backend = CpuBackend::new();
+    let mut traced = |method: Method| {
+        let job = scenes::job(scene.clone(), &Settings { method, ..settings.clone() });
+        backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+        backend.trace_rays(&rays).expect("the CPU does not fail")
+    };
+    let expected = traced(Method::None);
+    for method in [Method::Tessellate, Method::Inverse, Method::Pyramid] {
+        let found = traced(method);
+        let differs = |(a, b): &(&Intersection, &Intersection)| {
+            let same_t = a.t == b.t || (a.t - b.t).abs() < 1e-4;
+            (a.primitive == MISS) != (b.primitive == MISS) || !same_t
+        };
+        let differing = expected.iter().zip(&found).filter(differs).count();
+        // Rays that start on the surface, or run along it, and those through edges.
+        assert!(differing * 100 <= rays.len(), "{method}: {differing} of {}", rays.len());
+    }
+}
+
 #[test]
 fn what_cannot_be_stored_is_refused() {
     let scene = Scene { subdivisions: 4096, ..scenes::builtin("builtin:cube") };
@@ -136,7 +305,7 @@ fn what_cannot_be_stored_is_refused() {
     assert!(error.to_string().contains("N is auto"), "{error}");
 
     // What is stored is for one method.
-    let exact = scenes::ready(scenes::builtin("builtin:cube"), emboss::settings::Wrap::Repeat);
+    let exact = scenes::ready(scenes::builtin("builtin:cube"), Wrap::Repeat);
     let mut backend = CpuBackend::new();
     backend.load(&exact.buffers, &exact.frame, exact.features).expect("fits");
     let features = Features { method: method::TESSELLATE, ..exact.features };

@@ -154,10 +154,16 @@ fn span(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay, t_max:
         };
         let (p0, p1, p2) = (0.0, dot(a, base.p1 - base.p0), dot(a, base.p2 - base.p0));
         let (n0, n1, n2) = (dot(a, base.n0), dot(a, base.n1), dot(a, base.n2));
-        let least = least_of(p0 + low * n0, p1 + low * n1, p2 + low * n2)
-            .min(least_of(p0 + high * n0, p1 + high * n1, p2 + high * n2));
-        let most = -least_of(-p0 - low * n0, -p1 - low * n1, -p2 - low * n2)
-            .min(least_of(-p0 - high * n0, -p1 - high * n1, -p2 - high * n2));
+        let least = least_of(p0 + low * n0, p1 + low * n1, p2 + low * n2).min(least_of(
+            p0 + high * n0,
+            p1 + high * n1,
+            p2 + high * n2,
+        ));
+        let most = -least_of(-p0 - low * n0, -p1 - low * n1, -p2 - low * n2).min(least_of(
+            -p0 - high * n0,
+            -p1 - high * n1,
+            -p2 - high * n2,
+        ));
         let margin = reach + more;
         let (from, rate) = (dot(a, ray.origin - base.p0), dot(a, ray.direction));
         let (first, last) = ((least - margin - from) / rate, (most + margin - from) / rate);

@@ -10,6 +10,7 @@
 //! shadows of its own); on the host a variant of `settings::Method`.
 
 pub mod layers;
+pub mod pyramid;
 pub mod steep;
 pub mod tangent_space;
 #[cfg(test)]
@@ -67,8 +68,13 @@ fn distance(
     if !span.is_some() {
         return 0.0;
     }
-    let bracket = layers::search(space, ray, span, scene.frame.subdivisions);
-    if features.method == method::STEEP { steep::refine(bracket) } else { 0.0 }
+    let n = scene.frame.subdivisions;
+    if features.method == method::PYRAMID {
+        pyramid::search(space, ray, span, n)
+    } else {
+        let bracket = layers::search(space, ray, span, n);
+        if features.method == method::STEEP { steep::refine(bracket) } else { 0.0 }
+    }
 }
 
 /// How much the relief lets through of the light from the world's direction `wi`, 0 to 1, where `surface` is what
@@ -93,7 +99,11 @@ pub fn light_seen(
         return 1.0;
     }
     let n = scene.frame.subdivisions;
-    if features.method == method::STEEP { layers::light_seen(&space, &ray, span, n) } else { 1.0 }
+    if features.method == method::STEEP || features.method == method::PYRAMID {
+        layers::light_seen(&space, &ray, span, n)
+    } else {
+        1.0
+    }
 }
 
 /// A vector of the world in the space of the mesh that was hit.

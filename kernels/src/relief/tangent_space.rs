@@ -1,7 +1,9 @@
 //! The tangent space of a base triangle: texture coordinates and heights over its plane, and rays in it.
 
 use crate::barycentric::interpolate;
+use crate::displacement::height_pyramid::{texel_coordinates, top_level};
 use crate::displacement::surface::{BaseTriangle, HeightField, Pixel};
+use crate::interface::Displacement;
 use crate::math::{cross, dot, unit};
 use glam::{Vec2, Vec3};
 
@@ -96,6 +98,20 @@ impl<'a> TangentSpace<'a> {
         (self.base.map.height_min, self.base.map.height_max)
     }
 
+    /// The level of the map's pyramid that is one entry.
+    #[inline]
+    pub fn top_level(&self) -> u32 {
+        top_level(self.base.map.map_width, self.base.map.map_height)
+    }
+
+    /// Bounds on the heights between two points given in texel coordinates, by the map's pyramid.
+    #[inline]
+    pub fn heights_between(&self, low: Vec2, high: Vec2) -> (f32, f32) {
+        let map = self.base.map;
+        let range = self.field.pyramid(map).range_between(low, high);
+        Displacement::height_range(range.min, range.max, map.zero, map.scale)
+    }
+
     /// The normal of the relief where heights have these [`slopes`](Self::slopes): Blinn's formulas (2) and (3),
     ///
     ///   n' = n + (h_u (a × p_v) - h_v (a × p_u)),  a = n / |n|,
@@ -119,6 +135,22 @@ impl TangentRay {
     #[inline]
     pub fn uv(&self, t: f32) -> Vec2 {
         self.start + self.rate * t
+    }
+
+    /// Texel coordinates at distance `t`, and their growth.
+    #[inline]
+    pub fn texels(&self, space: &TangentSpace<'_>, t: f32) -> (Vec2, Vec2) {
+        let map = &space.base.map;
+        let size = Vec2::new(map.map_width as f32, -(map.map_height as f32));
+        (texel_coordinates(map, self.uv(t)), self.rate * size)
+    }
+
+    /// How far beyond distance `from` it comes to the first of heights `low` and `high` from its side; negative where it is between
+    /// them.
+    #[inline]
+    pub fn time_to(&self, (low, high): (f32, f32), from: f32) -> f32 {
+        let first = if self.climb < 0.0 { high } else { low };
+        (first - self.height) / self.climb - from
     }
 
     /// How far it is at distance `t` from the height field on the side that it comes from, in heights: above 0 while a ray that

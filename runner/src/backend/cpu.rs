@@ -138,6 +138,7 @@ impl Backend for CpuBackend {
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(film, progress),
             method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(film, progress),
             method::INVERSE => pass.run::<{ method::INVERSE }>(film, progress),
+            method::PYRAMID => pass.run::<{ method::PYRAMID }>(film, progress),
             method::STEEP => pass.run::<{ method::STEEP }>(film, progress),
             _ => pass.run::<{ method::QUADTREE }>(film, progress),
         };
