@@ -176,6 +176,12 @@ pub mod method {
         method >= BUMP && method <= SPHERE
     }
 
+    /// Whether a method looks for the relief layer by layer, and from there for lights.
+    #[inline]
+    pub const fn has_layers(method: u32) -> bool {
+        method == STEEP || method == RELIEF || method == OCCLUSION
+    }
+
     /// Whether rays meet the base triangles themselves.
     #[inline]
     pub const fn traces_base_mesh(method: u32) -> bool {

@@ -231,7 +231,7 @@ fn lit(
             softened_cosine(geometric, wi.dot(ns), ng.dot(ns))
         };
         let mut seen = 1.0;
-        if in_image_space && features.shadows != 0 && cosine > 0.0 {
+        if method::has_layers(features.method) && features.shadows != 0 && cosine > 0.0 {
             seen = relief::light_seen(scene, features, hit, surface, wi);
         }
         if cosine * seen > 0.0

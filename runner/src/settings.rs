@@ -18,8 +18,18 @@ pub enum Method {
     GridWalk,
     /// Every one of the N² micro-triangles, the slow reference
     BruteForce,
-    /// Steep parallax mapping (McGuire 2005): the first of N layers below the relief. Silhouettes stay flat
+    /// Bump mapping (Blinn 1978): normals of the relief. Outlines stay those of the base mesh, as with all that follow
+    Bump,
+    /// Parallax mapping (Kaneko 2001): moves the maps by the height over a hit
+    Parallax,
+    /// Parallax mapping with offset limiting (Welsh 2004)
+    ParallaxLimited,
+    /// Steep parallax mapping (McGuire 2005): the first of N layers inside the relief
     Steep,
+    /// Relief mapping (Policarpo 2005): N layers, then a binary search
+    Relief,
+    /// Parallax occlusion mapping (Tatarchuk 2006): N layers, then a straight line; soft shadows
+    Occlusion,
     /// The base triangles, undisplaced
     None,
 }
@@ -31,7 +41,12 @@ impl Method {
             Method::Quadtree => method::QUADTREE,
             Method::GridWalk => method::GRID_WALK,
             Method::BruteForce => method::BRUTE_FORCE,
+            Method::Bump => method::BUMP,
+            Method::Parallax => method::PARALLAX,
+            Method::ParallaxLimited => method::PARALLAX_LIMITED,
             Method::Steep => method::STEEP,
+            Method::Relief => method::RELIEF,
+            Method::Occlusion => method::OCCLUSION,
             Method::None => method::NONE,
         }
     }
@@ -51,8 +66,8 @@ impl Method {
     pub fn parameter(self) -> Option<&'static str> {
         match self {
             Method::Quadtree | Method::GridWalk | Method::BruteForce => Some("parts of each triangle's side"),
-            Method::Steep => Some("layers of the relief"),
-            Method::None => None,
+            Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
+            Method::Bump | Method::Parallax | Method::ParallaxLimited | Method::None => None,
         }
     }
 

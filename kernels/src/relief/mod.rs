@@ -6,10 +6,14 @@
 //! h(u, v), of which the micro-triangles of exact methods are the limit for a great N.
 //!
 //! A further method of this kind is an id in [`method`] between `BUMP` and `SPHERE`, a file here, and a branch in
-//! [`distance`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
+//! [`surface()`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
 //! shadows of its own); on the host a variant of `settings::Method`.
 
+pub mod binary;
+pub mod bump;
 pub mod layers;
+pub mod occlusion;
+pub mod parallax;
 pub mod steep;
 pub mod tangent_space;
 #[cfg(test)]
@@ -42,7 +46,14 @@ pub fn surface(
     let space = TangentSpace::new(field, base, w);
     let direction = object_vector(scene, features, hit, ray.direction);
     let tangent_ray = space.ray(flat.uv, 0.0, direction);
-    let offset = distance(scene, features, &space, &tangent_ray, hit.t);
+    let mut offset = 0.0;
+    if method::has_layers(features.method) {
+        offset = searched(scene, features, &space, &tangent_ray, hit.t);
+    } else if features.method == method::PARALLAX {
+        offset = parallax::offset(&space, &tangent_ray);
+    } else if features.method == method::PARALLAX_LIMITED {
+        offset = parallax::limited_offset(&space, &tangent_ray, direction.length());
+    }
     let uv = tangent_ray.uv(offset);
     SurfaceInteraction {
         uv,
@@ -53,10 +64,10 @@ pub fn surface(
     }
 }
 
-/// How far behind its hit on the base triangle a ray meets the relief, by the method that the features name; negative where it
-/// does before, at most by `t_hit`. In the world's lengths, as `ray` is.
+/// How far behind its hit on the base triangle a ray meets the relief, by a search over layers; negative where it does before, at
+/// most by `t_hit`. In the world's lengths, as `ray` is.
 #[inline]
-fn distance(
+fn searched(
     scene: &SceneView<'_>,
     features: Features,
     space: &TangentSpace<'_>,
@@ -68,10 +79,16 @@ fn distance(
         return 0.0;
     }
     let bracket = layers::search(space, ray, span, scene.frame.subdivisions);
-    if features.method == method::STEEP { steep::refine(bracket) } else { 0.0 }
+    if features.method == method::STEEP {
+        steep::refine(bracket)
+    } else if features.method == method::RELIEF {
+        binary::refine(space, ray, bracket)
+    } else {
+        occlusion::refine(bracket)
+    }
 }
 
-/// How much the relief lets through of the light from the world's direction `wi`, 0 to 1, where `surface` is what
+/// How much the relief lets through, by a method of layers, of the light from the world's direction `wi`, 0 to 1, where `surface` is what
 /// [`surface()`] gave of the hit.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
@@ -93,7 +110,12 @@ pub fn light_seen(
         return 1.0;
     }
     let n = scene.frame.subdivisions;
-    if features.method == method::STEEP { layers::light_seen(&space, &ray, span, n) } else { 1.0 }
+    if features.method == method::OCCLUSION {
+        let (low, high) = space.heights();
+        occlusion::light_seen(&space, &ray, span, high - low, n)
+    } else {
+        layers::light_seen(&space, &ray, span, n)
+    }
 }
 
 /// A vector of the world in the space of the mesh that was hit.
