@@ -181,6 +181,12 @@ pub mod method {
         method >= BUMP && method <= SPHERE
     }
 
+    /// Whether a method looks for the relief along the ray, and from there for lights.
+    #[inline]
+    pub const fn searches_relief(method: u32) -> bool {
+        method >= STEEP && method <= SPHERE
+    }
+
     /// Whether rays meet the base triangles themselves.
     #[inline]
     pub const fn traces_base_mesh(method: u32) -> bool {

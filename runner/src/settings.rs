@@ -22,9 +22,19 @@ pub enum Method {
     BruteForce,
     /// Inverse displacement mapping (Patterson 1991): N steps along the ray through each prism
     Inverse,
-    /// Steep parallax mapping (McGuire 2005): the first of N layers below the relief. Silhouettes stay flat
+    /// Bump mapping (Blinn 1978): normals of the relief. Outlines stay those of the base mesh, as with all that follow
+    Bump,
+    /// Parallax mapping (Kaneko 2001): moves the maps by the height over a hit
+    Parallax,
+    /// Parallax mapping with offset limiting (Welsh 2004)
+    ParallaxLimited,
+    /// Steep parallax mapping (McGuire 2005): the first of N layers inside the relief
     Steep,
-    /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, N visits a level. Silhouettes stay flat
+    /// Relief mapping (Policarpo 2005): N layers, then a binary search
+    Relief,
+    /// Parallax occlusion mapping (Tatarchuk 2006): N layers, then a straight line; soft shadows
+    Occlusion,
+    /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, at most N visits a level
     Pyramid,
     /// The base triangles, undisplaced
     None,
@@ -39,7 +49,12 @@ impl Method {
             Method::Tessellate => method::TESSELLATE,
             Method::BruteForce => method::BRUTE_FORCE,
             Method::Inverse => method::INVERSE,
+            Method::Bump => method::BUMP,
+            Method::Parallax => method::PARALLAX,
+            Method::ParallaxLimited => method::PARALLAX_LIMITED,
             Method::Steep => method::STEEP,
+            Method::Relief => method::RELIEF,
+            Method::Occlusion => method::OCCLUSION,
             Method::Pyramid => method::PYRAMID,
             Method::None => method::NONE,
         }
@@ -68,9 +83,9 @@ impl Method {
                 Some("parts of each triangle's side")
             }
             Method::Inverse => Some("steps through each prism"),
-            Method::Steep => Some("layers of the relief"),
             Method::Pyramid => Some("visits for each level of the pyramid"),
-            Method::None => None,
+            Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
+            Method::Bump | Method::Parallax | Method::ParallaxLimited | Method::None => None,
         }
     }
 

@@ -139,7 +139,12 @@ impl Backend for CpuBackend {
             method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(film, progress),
             method::INVERSE => pass.run::<{ method::INVERSE }>(film, progress),
             method::PYRAMID => pass.run::<{ method::PYRAMID }>(film, progress),
+            method::BUMP => pass.run::<{ method::BUMP }>(film, progress),
+            method::PARALLAX => pass.run::<{ method::PARALLAX }>(film, progress),
+            method::PARALLAX_LIMITED => pass.run::<{ method::PARALLAX_LIMITED }>(film, progress),
             method::STEEP => pass.run::<{ method::STEEP }>(film, progress),
+            method::RELIEF => pass.run::<{ method::RELIEF }>(film, progress),
+            method::OCCLUSION => pass.run::<{ method::OCCLUSION }>(film, progress),
             _ => pass.run::<{ method::QUADTREE }>(film, progress),
         };
         add_totals(&mut self.totals, &totals, features.counters != 0);
