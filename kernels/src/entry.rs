@@ -6,6 +6,7 @@
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 pub mod bvh;
+pub mod distances;
 pub mod tessellate;
 
 use crate::bvh::radix_sort::{self, Pairs};
@@ -64,6 +65,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -85,6 +87,7 @@ pub fn render(
         lights,
         instances,
         micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -163,6 +166,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -185,6 +189,7 @@ pub fn trace_rays(
         lights,
         instances,
         micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -251,6 +256,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -273,6 +279,7 @@ pub fn bound_heights(
             lights,
             instances,
             micro_vertices,
+            distances,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -307,6 +314,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -329,6 +337,7 @@ pub fn decide_seams(
             lights,
             instances,
             micro_vertices,
+            distances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -364,6 +373,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -396,6 +406,7 @@ pub fn prism_bounds(
             lights,
             instances,
             micro_vertices,
+            distances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

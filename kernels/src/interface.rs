@@ -96,8 +96,11 @@ pub mod binding {
     /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate); none unless
     /// that is the method. Written by `tessellate`, read by the rest.
     pub const MICRO_VERTICES: u32 = 42;
-    /// How many bindings set 0 has.
-    pub const COUNT: u32 = 43;
+    /// `[f32]`: a [distance map](crate::relief::distance_map) for each [`Displacement`](super::Displacement); none unless
+    /// [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read by the rest.
+    pub const DISTANCES: u32 = 43;
+    /// How many bindings set 0 has, with one that is yet to come.
+    pub const COUNT: u32 = 44;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -171,7 +174,7 @@ pub mod method {
     pub const OCCLUSION: u32 = 13;
     /// Pyramidal displacement mapping (Oh, Ki and Lee 2006): [`pyramid`](crate::relief::pyramid).
     pub const PYRAMID: u32 = 14;
-    /// Sphere tracing by a distance map (Donnelly 2005).
+    /// Sphere tracing by a distance map (Donnelly 2005): [`sphere_trace`](crate::relief::sphere_trace).
     pub const SPHERE: u32 = 15;
 
     /// Whether a method traces the base triangles and works in texture space from where a ray meets them:

@@ -27,6 +27,7 @@ pub(crate) struct TestScene {
     pub(crate) lights: Vec<PointLight>,
     pub(crate) instances: Vec<Instance>,
     pub(crate) micro_vertices: Vec<f32>,
+    pub(crate) distances: Vec<f32>,
 }
 
 /// The undisplaced method, lit, without shadows.
@@ -125,6 +126,7 @@ impl TestScene {
             lights: &self.lights,
             instances: &self.instances,
             micro_vertices: &self.micro_vertices,
+            distances: &self.distances,
         }
     }
 }

@@ -36,6 +36,8 @@ pub enum Method {
     Occlusion,
     /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, at most N visits a level
     Pyramid,
+    /// Sphere tracing by a distance map (Donnelly 2005): at most N steps
+    Sphere,
     /// The base triangles, undisplaced
     None,
 }
@@ -56,6 +58,7 @@ impl Method {
             Method::Relief => method::RELIEF,
             Method::Occlusion => method::OCCLUSION,
             Method::Pyramid => method::PYRAMID,
+            Method::Sphere => method::SPHERE,
             Method::None => method::NONE,
         }
     }
@@ -71,6 +74,11 @@ impl Method {
         }
     }
 
+    /// Whether something is stored for it that other methods do without, so that a scene is loaded for it alone.
+    pub fn has_own_store(self) -> bool {
+        matches!(self, Method::Tessellate | Method::Sphere)
+    }
+
     /// Whether it intersects what is stored for one view and one place of each triangle.
     pub fn is_stored(self) -> bool {
         self == Method::Tessellate
@@ -84,6 +92,7 @@ impl Method {
             }
             Method::Inverse => Some("steps through each prism"),
             Method::Pyramid => Some("visits for each level of the pyramid"),
+            Method::Sphere => Some("most steps of a ray"),
             Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
             Method::Bump | Method::Parallax | Method::ParallaxLimited | Method::None => None,
         }

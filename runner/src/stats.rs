@@ -1,9 +1,10 @@
 //! What a rendering took, as `--stats` writes it.
 
-use crate::backend::{BuildReport, DeviceInfo, micro_vertices, tree_primitives};
+use crate::backend::{BuildReport, DeviceInfo, distance_maps, micro_vertices, tree_primitives};
 use crate::render::{Job, Rendering, Scene};
 use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
+use emboss_kernels::relief::distance_map::WORDS;
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -66,6 +67,8 @@ pub struct Bytes {
     pub height_texels: u64,
     /// The height maps' min/max pyramids.
     pub height_ranges: u64,
+    /// Distance maps; 0 where none is read.
+    pub distances: u64,
     /// Seams and their sides.
     pub seams: u64,
     /// Texels of the colour maps.
@@ -257,6 +260,9 @@ impl Bytes {
                 * size_of::<[f32; 3]>() as u64,
             height_texels: bytes(&buffers.height_texels),
             height_ranges: buffers.pyramid_words() * size_of::<u32>() as u64,
+            distances: u64::from(distance_maps(buffers.displacements.len(), job.features))
+                * u64::from(WORDS)
+                * size_of::<f32>() as u64,
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
             materials: bytes(&buffers.materials),

@@ -122,7 +122,7 @@ fn tessellate_paints_the_picture_of_the_quadtree() {
 // --- Methods that follow the bilinear height field ---------------------------------------------------------------
 
 /// Texels of the smooth map a side.
-const SIDE: u16 = 32;
+const SIDE: u16 = 256;
 /// Its greatest height.
 const TOP: f64 = 0.15;
 
@@ -153,50 +153,60 @@ fn waves(n: u32) -> Scene {
     }
 }
 
-/// The bilinear height of the waves, in `f64`.
-fn height(x: f64, y: f64) -> f64 {
-    let side = f64::from(SIDE);
-    let (x, y) = (x * side - 0.5, y * side - 0.5);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a texel of the map")]
-    let at = |i: f64, j: f64| f64::from(texel(i.rem_euclid(side) as u16, j.rem_euclid(side) as u16));
-    let (i, j) = (x.floor(), y.floor());
-    let (s, t) = (x - i, y - j);
-    let row = |j: f64| at(i, j) * (1.0 - s) + at(i + 1.0, j) * s;
-    TOP * (row(j) * (1.0 - t) + row(j + 1.0) * t)
+/// The waves in `f64`.
+struct Waves(Vec<f64>);
+
+impl Waves {
+    fn new() -> Waves {
+        Waves((0..SIDE).flat_map(|y| (0..SIDE).map(move |x| f64::from(texel(x, y)))).collect())
+    }
+
+    /// The bilinear height.
+    fn height(&self, x: f64, y: f64) -> f64 {
+        let side = f64::from(SIDE);
+        let (x, y) = (x * side - 0.5, y * side - 0.5);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a texel of the map")]
+        let at = |i: f64, j: f64| self.0[(j.rem_euclid(side) * side + i.rem_euclid(side)) as usize];
+        let (i, j) = (x.floor(), y.floor());
+        let (s, t) = (x - i, y - j);
+        let row = |j: f64| at(i, j) * (1.0 - s) + at(i + 1.0, j) * s;
+        TOP * (row(j) * (1.0 - t) + row(j + 1.0) * t)
+    }
+
+    /// Where the ray first meets the waves over the whole plane: 3,000 steps between the greatest and the least height, a
+    /// tenth of a texel each at most, and bisection.
+    fn first_crossing(&self, ray: &Ray) -> f64 {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let above = |t: f64| {
+            let p = o + d * t;
+            p.z - self.height(p.x, p.y)
+        };
+        let (near, far) = ((TOP - o.z) / d.z, -o.z / d.z);
+        let step = (far - near) / 3_000.0;
+        let mut low = near;
+        while above(low + step) > 0.0 && low < far {
+            low += step;
+        }
+        let mut high = low + step;
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if above(middle) > 0.0 { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
 }
 
-/// Where the ray first meets the waves over the whole plane, by 20,000 steps between the greatest and the least height, and bisection.
-fn first_crossing(ray: &Ray) -> f64 {
-    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let above = |t: f64| {
-        let p = o + d * t;
-        p.z - height(p.x, p.y)
-    };
-    let (near, far) = ((TOP - o.z) / d.z, -o.z / d.z);
-    let step = (far - near) / 20_000.0;
-    let mut low = near;
-    while above(low + step) > 0.0 && low < far {
-        low += step;
-    }
-    let mut high = low + step;
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if above(middle) > 0.0 { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
-}
-
-/// Rays from above, at 10 to 60 degrees, that meet the plane and the waves well within the square, each with where that is.
+/// Rays from above, at 6 to 40 degrees, that meet the plane and the waves well within the square, each with where that is.
 fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
-    let mut numbers = Numbers::new(12);
+    let (waves, mut numbers) = (Waves::new(), Numbers::new(12));
     let mut rays = Vec::new();
     while rays.len() < count {
         let target = Vec3::new(numbers.between(0.2, 0.8), numbers.between(0.2, 0.8), 0.0);
         let angle = numbers.between(0.0, std::f32::consts::TAU);
-        let slope = numbers.between(0.18, 1.7);
+        let slope = numbers.between(0.1, 0.8);
         let direction = Vec3::new(angle.cos(), angle.sin(), -slope).normalize();
         let ray = Ray { origin: target - direction * 2.0, t_max: 10.0, direction, padding: 0 };
-        let t = first_crossing(&ray);
+        let t = waves.first_crossing(&ray);
         let p = ray.origin.as_dvec3() + ray.direction.as_dvec3() * t;
         if p.x.min(p.y) > 0.05 && p.x.max(p.y) < 0.95 {
             rays.push((ray, t));
@@ -208,29 +218,34 @@ fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
 /// The share of rays for which a method finds another place than the first crossing: more than 10^-5 away, which is ten times what
 /// rounding makes of a distance of 2 where the ray and the waves are at least a few degrees apart.
 fn share_wrong(method: Method, n: u32, rays: &[(Ray, f64)]) -> f64 {
+    share_far(method, n, rays, 1e-5)
+}
+
+/// The share of rays for which a method finds a place more than `far` from the first crossing.
+fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
     let settings = Settings { method, width: 1, height: 1, ..Settings::default() };
     let job = scenes::job(waves(n), &settings);
     let mut backend = CpuBackend::new();
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
     let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
     let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
-    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < 1e-5);
+    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < far);
     hits.iter().zip(rays).filter(is_wrong).count() as f64 / rays.len() as f64
 }
 
 /// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
-/// radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. All others are where they should be,
-/// whatever N.
+/// radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. That holds while a step is longer than a texel:
+/// below that crests are wedges. All other rays are where they should be, whatever N.
 #[test]
 fn inverse_misses_less_with_the_square_of_n() {
     let rays = rays_to_waves(20_000);
-    let shares = [8, 16, 32, 64].map(|n| share_wrong(Method::Inverse, n, &rays));
-    println!("inverse, N = 8, 16, 32, 64: {shares:?}");
+    let shares = [8, 16, 32].map(|n| share_wrong(Method::Inverse, n, &rays));
+    println!("inverse, N = 8, 16, 32: {shares:?}");
     for pair in shares.windows(2) {
         // 4, less what chance makes of some dozens.
         assert!(pair[0] > 2.5 * pair[1], "{shares:?}");
     }
-    assert!(shares[0] > 0.002 && shares[3] < 0.001, "{shares:?}");
+    assert!(shares[0] > 0.001 && shares[0] > 8.0 * shares[2], "{shares:?}");
 }
 
 /// Its hits are those of bilinear patches; N only says when it gives up: the share of rays that are not done falls, and there
@@ -245,21 +260,25 @@ fn pyramid_finds_each_first_crossing_once_n_is_enough() {
     assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
 }
 
+/// Nearly all of its hits are right once no ray gives up; what is left are crests thinner along the ray than its least step, 1/512 of
+/// the map. While rays give up, each doubling of N leaves less than half of them: steps grow with the distance from the relief.
+#[test]
+fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
+    let rays = rays_to_waves(5_000);
+    let shares = [8, 16, 32, 128].map(|n| share_far(Method::Sphere, n, &rays, 1e-3));
+    println!("sphere, N = 8, 16, 32, 128: {shares:?}");
+    assert!(shares[0] > 0.2 && shares.windows(2).all(|pair| pair[0] >= 2.0 * pair[1]), "{shares:?}");
+    assert!(shares[3] < 0.002, "{shares:?}");
+}
+
 /// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen to a
 /// texel, these are off by less than a patch bends in a cell.
 #[test]
 fn the_quadtree_comes_to_the_same_places() {
     let rays = rays_to_waves(2_000);
-    let settings = Settings { width: 1, height: 1, ..Settings::default() };
-    let job = scenes::job(waves(512), &settings);
-    let mut backend = CpuBackend::new();
-    backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
-    let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
-    let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
     // What is off in height by up to 10^-5 is off by some ten times that along a ray that grazes.
-    let far = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < 1e-3);
-    let far = hits.iter().zip(&rays).filter(far).count();
-    assert!(far * 200 < rays.len(), "{far} of {}", rays.len());
+    let share = share_far(Method::Quadtree, 512, &rays, 1e-3);
+    assert!(share < 0.005, "{share}");
 }
 
 /// Without height all show the base mesh: hits to within rounding, and the very silhouette.
@@ -269,7 +288,8 @@ fn flat_maps_show_the_base_mesh() {
     (scene.reliefs[0].scale, scene.subdivisions) = (0.0, 4);
     let settings = Settings { width: 1, height: 1, method: Method::None, ..Settings::default() };
     let flat = scenes::job(scene.clone(), &settings);
-    let rays = rays(&flat, 3, 400);
+    let mut source = RaySource::new(&flat, 3);
+    let rays: Vec<Ray> = (0..1000).flat_map(|_| [source.from_outside(), source.towards_edge(3.0)]).collect();
     let mut backend = CpuBackend::new();
     let mut traced = |method: Method| {
         let job = scenes::job(scene.clone(), &Settings { method, ..settings.clone() });
@@ -277,15 +297,15 @@ fn flat_maps_show_the_base_mesh() {
         backend.trace_rays(&rays).expect("the CPU does not fail")
     };
     let expected = traced(Method::None);
-    for method in [Method::Tessellate, Method::Inverse, Method::Pyramid] {
+    for method in [Method::Tessellate, Method::Inverse, Method::Pyramid, Method::Sphere] {
         let found = traced(method);
         let differs = |(a, b): &(&Intersection, &Intersection)| {
             let same_t = a.t == b.t || (a.t - b.t).abs() < 1e-4;
             (a.primitive == MISS) != (b.primitive == MISS) || !same_t
         };
         let differing = expected.iter().zip(&found).filter(differs).count();
-        // Rays that start on the surface, or run along it, and those through edges.
-        assert!(differing * 100 <= rays.len(), "{method}: {differing} of {}", rays.len());
+        // Some rays towards edges pass by them within rounding, on one side or on the other.
+        assert!(differing * 500 <= rays.len(), "{method}: {differing} of {}", rays.len());
     }
 }
 

@@ -45,3 +45,18 @@ fn tessellate_is_quadtree() {
         against_cpu(&higher, 2, &seen).assert_same("tessellate");
     });
 }
+
+/// Pictures of the waves' methods on a curved model, with shadows.
+#[test]
+fn pictures_are_those_of_the_cpu() {
+    on_device(|backend| {
+        for (method, n) in [(Method::Inverse, 12), (Method::Pyramid, 8), (Method::Sphere, 64)] {
+            let (scene, settings) = builtin_scene("builtin:quilt", n, 64, 48);
+            let job = scenes::job(scene, &Settings { method, ..settings });
+            let picture = rendered(backend, &job, 1);
+            let comparison = against_cpu(&job, 1, &picture);
+            println!("{method}: {} strays", comparison.strays());
+            comparison.assert_same(&format!("{method}"));
+        }
+    });
+}

@@ -15,7 +15,8 @@
 //! it hits.
 //!
 //! Artefacts. A ray that crosses the surface twice between two steps passes through: the share of rays that do falls with
-//! the square of N on a smooth map, since a chord is as long as the root of what the ray grazes it by. The surface cracks at
+//! the square of N on a smooth map, since a chord is as long as the root of what the ray grazes it by (as N where steps are
+//! shorter than texels, whose borders are creases). The surface cracks at
 //! seams, where each triangle has its own field. A ray that leaves a triangle meets nothing of it within the first step.
 //! Deviations: the paper's surfaces are bilinear patches and its steps those of the texture; where prisms fold back over
 //! themselves (as far from a hollow base as its radius) Newton's method may find the wrong fold.

@@ -36,6 +36,7 @@ pub fn tessellate(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &mut [f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -65,6 +66,7 @@ pub fn tessellate(
             lights,
             instances,
             micro_vertices: &*micro_vertices,
+            distances,
         };
         let p = tessellate::micro_vertex(&scene, features, i);
         tessellate::store(micro_vertices, i, p);

@@ -11,10 +11,12 @@
 
 pub mod binary;
 pub mod bump;
+pub mod distance_map;
 pub mod layers;
 pub mod occlusion;
 pub mod parallax;
 pub mod pyramid;
+pub mod sphere_trace;
 pub mod steep;
 pub mod tangent_space;
 #[cfg(test)]
@@ -82,6 +84,8 @@ fn searched(
     let n = scene.frame.subdivisions;
     if features.method == method::PYRAMID {
         pyramid::search(space, ray, span, n)
+    } else if features.method == method::SPHERE {
+        sphere_trace::search(scene.distances, space, ray, span, n)
     } else {
         let bracket = layers::search(space, ray, span, n);
         if features.method == method::STEEP {

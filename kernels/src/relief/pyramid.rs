@@ -126,23 +126,8 @@ fn first_root(space: &TangentSpace<'_>, ray: &TangentRay, near: f32, length: f32
 
 #[cfg(test)]
 mod tests {
-    use crate::displacement::height_pyramid::{build_word, level_words, pyramid_words, top_level};
-    use crate::interface::{height_format, method, wrap};
-    use crate::relief::test_ramp::{assert_on_ray, exact, found, ramp, rays};
-    use crate::test_scene::TestScene;
-
-    fn with_pyramid(mut scene: TestScene) -> TestScene {
-        let (map, format) = (scene.displacements[0], height_format::FLOAT32);
-        let (width, height) = (map.map_width, map.map_height);
-        scene.height_ranges = vec![0; pyramid_words(format, width, height) as usize];
-        for level in 1..=top_level(width, height) {
-            for item in 0..level_words(format, width, height, level) {
-                let (texels, ranges) = (&scene.height_texels, &mut scene.height_ranges);
-                build_word(texels, ranges, &map, format, wrap::REPEAT, level, item);
-            }
-        }
-        scene
-    }
+    use crate::interface::method;
+    use crate::relief::test_ramp::{assert_on_ray, exact, found, ramp, rays, with_pyramid};
 
     /// A slope is met where it is, whatever N allows for more than the descent.
     #[test]

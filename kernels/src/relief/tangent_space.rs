@@ -98,6 +98,12 @@ impl<'a> TangentSpace<'a> {
         (self.base.map.height_min, self.base.map.height_max)
     }
 
+    /// The map's index, and how it goes on beyond its borders.
+    #[inline]
+    pub fn map(&self) -> (u32, u32) {
+        (self.base.displacement, self.field.pyramid(self.base.map).wrap)
+    }
+
     /// The level of the map's pyramid that is one entry.
     #[inline]
     pub fn top_level(&self) -> u32 {
@@ -143,6 +149,14 @@ impl TangentRay {
         let map = &space.base.map;
         let size = Vec2::new(map.map_width as f32, -(map.map_height as f32));
         (texel_coordinates(map, self.uv(t)), self.rate * size)
+    }
+
+    /// It in cells of a distance map: where it starts and how it grows, with so many cells along each `side` of the map, and `depth`
+    /// of them for a unit of height from `low` on.
+    #[inline]
+    pub fn cells(&self, side: f32, low: f32, depth: f32) -> (Vec3, Vec3) {
+        let start = Vec3::new(self.start.x * side, side - self.start.y * side, (self.height - low) * depth);
+        (start, Vec3::new(self.rate.x * side, -self.rate.y * side, self.climb * depth))
     }
 
     /// How far beyond distance `from` it comes to the first of heights `low` and `high` from its side; negative where it is between

@@ -142,6 +142,7 @@ impl Backend for CpuBackend {
             method::BUMP => pass.run::<{ method::BUMP }>(film, progress),
             method::PARALLAX => pass.run::<{ method::PARALLAX }>(film, progress),
             method::PARALLAX_LIMITED => pass.run::<{ method::PARALLAX_LIMITED }>(film, progress),
+            method::SPHERE => pass.run::<{ method::SPHERE }>(film, progress),
             method::STEEP => pass.run::<{ method::STEEP }>(film, progress),
             method::RELIEF => pass.run::<{ method::RELIEF }>(film, progress),
             method::OCCLUSION => pass.run::<{ method::OCCLUSION }>(film, progress),

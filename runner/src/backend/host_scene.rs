@@ -1,8 +1,8 @@
 //! A scene in the host's memory with all that follows from its buffers, by the functions that kernels run on a device.
 
 use super::{
-    BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights, is_stored,
-    micro_vertices, reserved, tree_primitives, with_displacements, with_view,
+    BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights,
+    distance_maps, is_stored, micro_vertices, reserved, tree_primitives, with_displacements, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -13,6 +13,7 @@ use emboss_kernels::displacement::seams::decide_seams;
 use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
 use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{BvhNode, Displacement, Frame, Instance, PointLight};
+use emboss_kernels::relief::distance_map::{self, CELLS, COLUMNS, WORDS};
 use emboss_kernels::scene::{Features, SceneView};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -29,6 +30,8 @@ pub struct HostScene {
     boxes: Vec<Aabb>,
     /// Three floats each; none unless that is the method.
     micro_vertices: Vec<f32>,
+    /// Distance maps; none unless the method reads them.
+    distances: Vec<f32>,
     /// The boxes of micro-triangles, as far.
     micro_boxes: Vec<Aabb>,
     /// The tree over the boxes, of these or of those, or with instances those of their meshes.
@@ -96,6 +99,7 @@ impl HostScene {
             lights: &self.buffers.lights,
             instances: &self.buffers.instances,
             micro_vertices: &self.micro_vertices,
+            distances: &self.distances,
         }
     }
 
@@ -182,6 +186,25 @@ impl HostScene {
         self.boxes = boxes;
         if is_stored(features) {
             self.tessellate()?;
+        }
+        self.map_distances()
+    }
+
+    /// The distance maps of all height maps, where the method reads them.
+    fn map_distances(&mut self) -> Result<(), BackendError> {
+        let features = self.features;
+        let maps = distance_maps(self.buffers.displacements.len(), features);
+        self.distances = reserved("the distance maps", maps as usize * WORDS as usize)?;
+        for map in 0..maps {
+            let view = self.view();
+            let field = HeightField::new(&view, features);
+            let mode = field.displacement(map).known_wrap(features.height_wrap);
+            let columns = (0..COLUMNS).into_par_iter().map(|i| distance_map::column(&field, map, i));
+            let columns: Vec<f32> = columns.collect();
+            let cells = (0..CELLS).into_par_iter().map(|i| distance_map::distance(&columns, 0, mode, i));
+            let cells: Vec<f32> = cells.collect();
+            self.distances.extend(columns);
+            self.distances.extend(cells);
         }
         Ok(())
     }

@@ -17,6 +17,7 @@ use emboss_kernels::interface::{
     PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
     displacement_kind, filter, height_format, method, wrap,
 };
+use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::ops::ControlFlow;
@@ -70,6 +71,9 @@ impl SceneBuffers {
             return Err(BackendError::TooManyInstances { count: self.instances.len() });
         }
         check_micro_triangles(frame, features)?;
+        if u64::from(distance_maps(self.displacements.len(), features)) * u64::from(WORDS) > u32::MAX.into() {
+            return Err(BackendError::TooManyDistanceMaps { count: self.displacements.len() });
+        }
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
         let filtered = features.filter != filter::BILINEAR;
         let texels = |width: u32, height: u32, levels: bool| {
@@ -267,11 +271,11 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     let lacks_levels =
         loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
     let other_boxes = method::is_image_space(loaded.method) != method::is_image_space(method);
-    // Buffers and tree are those of micro-triangles, or not.
-    let lacks_tessellation = is_stored(loaded) != is_stored(new);
+    // Micro-triangles with their tree, or distance maps, are there or not.
+    let lacks_store = is_stored(loaded) != is_stored(new) || has_distances(loaded) != has_distances(new);
     let what = if lacks_levels
         || other_boxes
-        || lacks_tessellation
+        || lacks_store
         || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new
     {
         "the features need another scene than the one loaded"
@@ -288,6 +292,16 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
 /// Whether the method intersects a tessellation, which is stored.
 fn is_stored(features: Features) -> bool {
     features.method == method::TESSELLATE
+}
+
+/// Whether the method reads distance maps.
+fn has_distances(features: Features) -> bool {
+    features.method == method::SPHERE
+}
+
+/// How many distance maps there are: one for each displacement.
+pub(crate) fn distance_maps(displacements: usize, features: Features) -> u32 {
+    if has_distances(features) { u32::try_from(displacements).unwrap_or(u32::MAX) } else { 0 }
 }
 
 /// How many primitives the tree of a scene without instances is over: triangles, or the micro-triangles of a tessellation.
@@ -430,6 +444,14 @@ pub enum BackendError {
         /// How many.
         count: usize,
     },
+    /// More distance maps than kernels number words of.
+    #[error(
+        "the scene has {count} height maps, more than there can be distance maps of; use fewer, or --method pyramid"
+    )]
+    TooManyDistanceMaps {
+        /// How many.
+        count: usize,
+    },
     /// More micro-triangles than a BVH holds.
     #[error(
         "{triangles} triangles at N = {subdivisions} have {count} micro-triangles, but a BVH stores at most {MAX_PRIMITIVES}; \
@@ -517,7 +539,8 @@ pub trait Backend {
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the
-    /// features that it was loaded with, but not to or from a tessellation. Film and counters are cleared; pipelines are made where
+    /// features that it was loaded with, but not to or from a tessellation or
+    /// sphere tracing. Film and counters are cleared; pipelines are made where
     /// they hold other code, and nothing is built. (A scene is displaced by its scales alone, so that for [`method::NONE`] these have to be 0: see
     /// [`set_displacements`](Self::set_displacements).)
     fn set_features(&mut self, features: Features) -> Result<(), BackendError>;

@@ -117,7 +117,9 @@ impl Tuning {
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
         // Boxes are those of what rays meet: displaced or not.
         let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
-        let stored = self.method_of(base).is_stored() != other.method_of(base).is_stored();
+        // Those that store something are loaded with it.
+        let (method, others) = (self.method_of(base), other.method_of(base));
+        let stored = method != others && (method.has_own_store() || others.has_own_store());
         levels || boxes || stored || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 

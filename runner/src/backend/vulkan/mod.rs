@@ -55,6 +55,7 @@ use emboss_kernels::interface::{
     binding, counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
+use emboss_kernels::relief::distance_map::{CELLS, COLUMNS};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use instance::Instance;
@@ -305,7 +306,7 @@ impl VulkanBackend {
     }
 
     /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
-    /// micro-vertices and their boxes.
+    /// micro-vertices and their boxes; distance maps.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, count) in preparation(resident) {
             if count > 0 {
@@ -624,14 +625,17 @@ fn empty(
 }
 
 /// The kernels that prepare prisms in their order, each with how many items it runs over.
-fn preparation(resident: &Resident) -> [(Kernel, u32); 5] {
+fn preparation(resident: &Resident) -> [(Kernel, u32); 7] {
     let [micro_vertices, micro_triangles] = resident.stored();
+    let maps = resident.distance_maps();
     [
         (Kernel::BoundHeights, resident.triangles()),
         (Kernel::DecideSeams, resident.seams()),
         (Kernel::PrismBounds, resident.triangles()),
         (Kernel::Tessellate, micro_vertices),
         (Kernel::TessellateBounds, micro_triangles),
+        (Kernel::DistanceColumns, maps * COLUMNS),
+        (Kernel::DistanceMap, maps * CELLS),
     ]
 }
 

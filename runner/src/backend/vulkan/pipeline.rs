@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 20;
+pub(super) const MOST_BINDINGS: u32 = 21;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -35,6 +35,7 @@ macro_rules! scene_and {
             TEXEL_SCALES,
             INSTANCES,
             MICRO_VERTICES,
+            DISTANCES,
             $($more),*
         ]
     };
@@ -81,6 +82,8 @@ kernels! {
     PrismBounds: "prism_bounds",
     Tessellate: "tessellate",
     TessellateBounds: "tessellate_bounds",
+    DistanceColumns: "distance_columns",
+    DistanceMap: "distance_map",
     Probe: "probe",
     SumBlocks: "sum_blocks",
     ScanSerially: "scan_serially",
@@ -115,6 +118,7 @@ impl Kernel {
             Kernel::PrismBounds => "bounding the displaced triangles",
             Kernel::Tessellate => "displacing micro-vertices",
             Kernel::TessellateBounds => "bounding micro-triangles",
+            Kernel::DistanceColumns | Kernel::DistanceMap => "mapping distances",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
@@ -143,7 +147,10 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate => scene_and![],
+            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate | Kernel::DistanceColumns => {
+                scene_and![]
+            }
+            Kernel::DistanceMap => &[DISPLACEMENTS, DISTANCES],
             Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
             Kernel::PrismBounds => scene_and![BOXES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
@@ -198,6 +205,8 @@ impl Kernel {
             | Kernel::PrismBounds
             | Kernel::Tessellate
             | Kernel::TessellateBounds
+            | Kernel::DistanceColumns
+            | Kernel::DistanceMap
             | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
@@ -249,7 +258,8 @@ impl Kernel {
                 ADAPTIVE,
                 INSTANCES,
             ],
-            Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::HeightPyramid | Kernel::DistanceColumns => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::DistanceMap => &[HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => {
                 &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]

@@ -6,14 +6,15 @@ use super::commands::Commands;
 use super::device::Device;
 use super::transfers::Transfers;
 use crate::backend::{
-    BackendError, SceneBuffers, check_displacements, check_features, check_lights, is_stored, micro_vertices,
-    tree_primitives, with_displacements, with_view,
+    BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, is_stored,
+    micro_vertices, tree_primitives, with_displacements, with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
 use emboss_kernels::interface::{
     BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, PointLight, binding, counter,
 };
+use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::sync::Arc;
@@ -31,11 +32,11 @@ const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
-/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`] and [`binding::MICRO_VERTICES`], which live as long
-/// as the scene.
+/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`], [`binding::MICRO_VERTICES`] and
+/// [`binding::DISTANCES`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last seven: the boxes, the materials, the tangents, the texels' sizes, the instances, the
-    /// micro-vertices and the boxes of micro-triangles.
+    /// By binding, but for the last eight: the boxes, the materials, the tangents, the texels' sizes, the instances, the
+    /// micro-vertices, the distance maps and the boxes of micro-triangles.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -55,12 +56,13 @@ fn place_of(binding: u32) -> usize {
         binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
         binding::INSTANCES => binding::COUNTERS as usize + 5,
         binding::MICRO_VERTICES => binding::COUNTERS as usize + 6,
+        binding::DISTANCES => binding::COUNTERS as usize + 7,
         _ => binding as usize,
     }
 }
 
 /// Where the boxes of micro-triangles stand there.
-const MICRO_BOXES: usize = binding::COUNTERS as usize + 7;
+const MICRO_BOXES: usize = binding::COUNTERS as usize + 8;
 
 /// What one of the buffers holds at first.
 struct Content<'a> {
@@ -202,6 +204,11 @@ impl Resident {
         &self.buffers[MICRO_BOXES]
     }
 
+    /// How many distance maps there are.
+    pub(super) fn distance_maps(&self) -> u32 {
+        distance_maps(self.displacements.len(), self.features)
+    }
+
     /// How many micro-vertices, and how many micro-triangles are stored.
     pub(super) fn stored(&self) -> [u32; 2] {
         let micro_triangles =
@@ -259,6 +266,7 @@ fn contents<'a>(
     let one_tree = (2 * primitives).saturating_sub(1);
     let smaller_tree = if is_stored(features) { SMALLER_TESSELLATION } else { SMALLER_MODEL };
     let micro_floats = 3 * u64::from(micro_vertices(frame, features));
+    let distances = u64::from(distance_maps(scene.displacements.len(), features)) * u64::from(WORDS);
     let micro_boxes = if is_stored(features) { 6 * primitives } else { 0 };
     let nodes = one_tree.max(instances::node_room(&scene.instances).into());
     let [(_, film), (_, picture)] = film_contents(frame);
@@ -284,6 +292,7 @@ fn contents<'a>(
         uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
         uploaded("the instances", "use fewer instances, or --backend cpu", cast_slice(&scene.instances)),
         zeros("the micro-vertices", SMALLER_TESSELLATION, micro_floats, size_of::<f32>()),
+        zeros("the distance maps", "use fewer maps, or --method pyramid", distances, size_of::<f32>()),
         zeros("the micro-triangles' boxes", SMALLER_TESSELLATION, micro_boxes, size_of::<f32>()),
     ]
 }
@@ -356,6 +365,10 @@ mod tests {
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
         assert_eq!(bytes(binding::COUNTERS), 8 * counter::COUNT as u64);
         assert_eq!((bytes(binding::MICRO_VERTICES), contents[MICRO_BOXES].bytes), (0, 0));
+        assert_eq!(bytes(binding::DISTANCES), 0);
+        let features = Features { method: method::SPHERE, ..Features::default() };
+        let contents = super::contents(&scene, &frame, features);
+        assert_eq!(contents[place_of(binding::DISTANCES)].bytes, u64::from(WORDS) * 4);
     }
 
     /// Four triangles of nine micro-triangles and ten micro-vertices.
