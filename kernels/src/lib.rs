@@ -29,6 +29,7 @@ pub mod film;
 pub mod hit;
 pub mod instance;
 pub mod interface;
+pub mod lighting;
 pub mod math;
 pub mod parallel;
 pub mod probe;

@@ -4,11 +4,12 @@ use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::film::Sample;
 use crate::interface::{Intersection, MISS, Ray, method};
+use crate::lighting::DirectLighting;
 use crate::ray::TraversalRay;
 use crate::sampler::sample_2d;
 use crate::scene::{Features, SceneView};
 use crate::shading::{SurfaceInteraction, shade_hit};
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// Sample number `sample` of pixel (x, y): one jittered camera ray, shaded. Nothing is hit: zero, transparent.
 #[inline]
@@ -24,15 +25,41 @@ pub fn sample_pixel(
     let jitter = sample_2d(x, y, sample, frame.seed);
     let film =
         Vec2::new((x as f32 + jitter.x) / frame.width as f32, (y as f32 + jitter.y) / frame.height as f32);
-    let ray = TraversalRay::new(frame.camera.eye, frame.camera.ray_direction(film), f32::INFINITY);
+    let direction = frame.camera.ray_direction(film);
+    sample_ray(scene, features, TraversalRay::new(frame.camera.eye, direction, f32::INFINITY), counts)
+}
+
+/// What a primary ray shows. Nothing is hit: zero, transparent.
+#[inline]
+pub fn sample_ray(
+    scene: &SceneView<'_>,
+    features: Features,
+    primary_ray: TraversalRay,
+    counts: &mut Counts,
+) -> Sample {
+    let mut ray = primary_ray;
+    let mut query = Query::Nearest;
+    let mut lighting = DirectLighting::unlit(Vec3::ZERO);
+    let mut alpha = 0.0;
     counts.primary_rays += 1;
-    let hit = traverse(scene, features, &ray, Query::Nearest, counts);
-    if !hit.is_some() {
-        return Sample::default();
+    // The primary ray, then a shadow ray a turn. Left from its end: see `texture.rs`.
+    loop {
+        let hit = traverse(scene, features, &ray, query, counts);
+        if query == Query::Any {
+            lighting.add_unless_occluded(scene, features, hit);
+        } else if hit.is_some() {
+            counts.hits += 1;
+            lighting = shade_hit(scene, features, &ray, hit, counts.triangles);
+            alpha = 1.0;
+        }
+        let (shadow_ray, found) = lighting.next_shadow_ray(scene, features, counts);
+        if features.shadows == 0 || !found {
+            break;
+        }
+        ray = shadow_ray;
+        query = Query::Any;
     }
-    counts.hits += 1;
-    let steps = counts.triangles;
-    Sample { radiance: shade_hit(scene, features, &ray, hit, steps, counts), alpha: 1.0 }
+    Sample { radiance: lighting.radiance(), alpha }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.

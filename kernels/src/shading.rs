@@ -1,13 +1,12 @@
 //! From a hit to a colour.
 
 use crate::barycentric::interpolate;
-use crate::bvh::traverse::{Query, traverse};
-use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
+use crate::lighting::DirectLighting;
 use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
@@ -164,7 +163,8 @@ fn round_along(x: f32, offset: f32) -> f32 {
     }
 }
 
-/// What the hit of a primary ray shows, as [`shade`] says: linear RGB. `steps` is what finding it cost.
+/// What the hit of a primary ray shows, as [`shade`] says: a colour, and the light that it is to be multiplied by. `steps` is
+/// what finding it cost.
 #[inline]
 pub fn shade_hit(
     scene: &SceneView<'_>,
@@ -172,77 +172,28 @@ pub fn shade_hit(
     ray: &TraversalRay,
     hit: Hit,
     steps: u32,
-    counts: &mut Counts,
-) -> Vec3 {
+) -> DirectLighting {
     if features.shade == shade::CELL {
-        return cell_color(hit);
+        return DirectLighting::unlit(cell_color(hit));
     }
     if features.shade == shade::STEPS {
-        return heat(steps as f32 / scene.frame.steps_scale.max(1) as f32);
+        return DirectLighting::unlit(heat(steps as f32 / scene.frame.steps_scale.max(1) as f32));
     }
     let surface = SurfaceInteraction::new(scene, features, ray, hit);
     if features.shade == shade::NORMAL {
-        surface.ns * 0.5 + Vec3::splat(0.5)
+        DirectLighting::unlit(surface.ns * 0.5 + Vec3::splat(0.5))
     } else if features.shade == shade::HEIGHT {
         let d = scene.frame;
         let range = d.height_max - d.height_min;
-        Vec3::splat(if range > 0.0 { (surface.height - d.height_min) / range } else { 0.0 })
+        let share = if range > 0.0 { (surface.height - d.height_min) / range } else { 0.0 };
+        DirectLighting::unlit(Vec3::splat(share))
     } else if features.shade == shade::UV {
         let uv = surface.uv - surface.uv.floor();
-        Vec3::new(uv.x, uv.y, 0.0)
+        DirectLighting::unlit(Vec3::new(uv.x, uv.y, 0.0))
     } else {
-        lit(scene, features, ray, hit, &surface, counts)
+        let albedo = albedo(scene, features, ray, hit, &surface);
+        DirectLighting::new(scene.frame, features, albedo, ray, hit, &surface)
     }
-}
-
-/// Lambert and ambient light on a two-sided surface: albedo (ambient + sum over lights of I / d² cos), each light
-/// seen through one shadow ray where shadows are on. The viewer's side is that of the micro-triangle, and a light on its
-/// other side gives nothing, whatever the shading normal.
-#[inline]
-fn lit(
-    scene: &SceneView<'_>,
-    features: Features,
-    ray: &TraversalRay,
-    hit: Hit,
-    surface: &SurfaceInteraction,
-    counts: &mut Counts,
-) -> Vec3 {
-    let frame = scene.frame;
-    let albedo = albedo(scene, features, ray, hit, surface);
-    let behind = dot(ray.direction, surface.ng) > 0.0;
-    let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
-    let point = surface.shown_point(features, ray);
-    let in_image_space = method::is_image_space(features.method);
-    let mut light = Vec3::splat(frame.ambient);
-    let mut i = 0;
-    while i < frame.light_count {
-        let source = at(scene.lights, i);
-        let to_light = source.position - point;
-        let squared = to_light.dot(to_light);
-        let distance = sqrt(squared);
-        let wi = to_light / distance;
-        let geometric = wi.dot(ng);
-        let cosine = if in_image_space {
-            // What is behind the base triangle gives it no light either.
-            if geometric > 0.0 { wi.dot(ns) } else { 0.0 }
-        } else if features.smooth == 0 || !(geometric > 0.0) {
-            geometric
-        } else {
-            softened_cosine(geometric, wi.dot(ns), ng.dot(ns))
-        };
-        let mut seen = 1.0;
-        if method::has_layers(features.method) && features.shadows != 0 && cosine > 0.0 {
-            seen = relief::light_seen(scene, features, hit, surface, wi);
-        }
-        if cosine * seen > 0.0
-            && !(features.shadows != 0
-                && occluded(scene, features, hit, surface, wi, source.position, counts))
-        {
-            light += source.color * (source.intensity * (cosine * seen) / squared);
-        }
-        i += 1;
-    }
-    albedo * light
 }
 
 /// Linear RGB of the surface at a hit of a primary ray.
@@ -270,22 +221,6 @@ fn albedo(
     }
 }
 
-/// Lambert's cosine at the shading normal, brought down to 0 towards where light begins to come from behind the flat
-/// micro-triangle: without that, a micro-triangle would be lit up to there and black beyond, and show its outline.
-///
-/// The factor is that of Chiang, Li and Burley, "Taming the Shadow Terminator", SIGGRAPH 2019 Talks: with
-/// G = min(1, (ng·wi) / ((ns·wi) (ng·ns))) it is G + G² - G³, which has the slope 0 where it meets 1. The paper takes
-/// ng·ns above 0; where it is not, the product is not above `geometric` either, and G is 1.
-///
-/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not above
-/// 0 where that is not.
-#[inline]
-fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {
-    let whole = shading * between;
-    let g = if geometric < whole { geometric / whole } else { 1.0 };
-    shading * (g * (1.0 + g * (1.0 - g)))
-}
-
 /// How many texels of the colour map a pixel's side covers at a hit of a primary ray, where it covers most.
 ///
 /// The pixel is a cone around the ray: Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved Shader
@@ -303,25 +238,6 @@ fn footprint_texels(
     let frame = scene.frame;
     let density = surface.uv_density * sqrt(material.color_width as f32 * material.color_height as f32);
     hit.t * frame.pixel_side() * density / dot(ray.direction, surface.ng).abs()
-}
-
-/// Whether the displaced surface stands between a hit and a light.
-#[inline]
-fn occluded(
-    scene: &SceneView<'_>,
-    features: Features,
-    hit: Hit,
-    surface: &SurfaceInteraction,
-    wi: Vec3,
-    light: Vec3,
-    counts: &mut Counts,
-) -> bool {
-    counts.shadow_rays += 1;
-    let origin = surface.spawn_origin(wi);
-    let to_light = light - origin;
-    let distance = to_light.length();
-    let shadow_ray = TraversalRay::new(origin, to_light / distance, distance).leaving(hit);
-    traverse(scene, features, &shadow_ray, Query::Any, counts).is_some()
 }
 
 /// A colour of its own for each micro-triangle of each instance.
@@ -342,6 +258,7 @@ fn heat(x: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::counters::Counts;
     use crate::film::Sample;
     use crate::interface::{MISS, Material, Ray};
     use crate::render::{sample_pixel, trace_ray};
@@ -486,23 +403,6 @@ mod tests {
             let along = moved.dot(direction.as_dvec3());
             assert!(along > 0.6 * 1e-5 + 0.8 * 1e-6, "{along}");
         }
-    }
-
-    /// The paper's factor by hand: it has slope 1 at 0, slope 0 where it meets 1, and G = 1 wherever the facet sees the
-    /// light at least as steeply as the shading normal does.
-    #[test]
-    fn softened_cosine_leads_from_lambert_to_nothing() {
-        assert_eq!(softened_cosine(0.5, 0.5, 1.0), 0.5);
-        assert_eq!(softened_cosine(0.9, 0.5, 1.0), 0.5);
-        // G = 1/2: 1/2 + 1/4 - 1/8.
-        assert_eq!(softened_cosine(0.25, 0.5, 1.0), 0.5 * 0.625);
-        assert_eq!(softened_cosine(0.0625, 0.5, 0.25), 0.5 * 0.625);
-        let low = 1e-3;
-        assert!((softened_cosine(low, 1.0, 1.0) - low).abs() < 2.0 * low * low);
-        assert!(softened_cosine(1.0 - low, 1.0, 1.0) > 1.0 - 3.0 * low * low);
-        // More than a right angle between the normals; a light behind the shading normal.
-        assert_eq!(softened_cosine(0.1, 0.5, -0.2), 0.5);
-        assert!(softened_cosine(0.1, -0.5, 0.9) <= 0.0);
     }
 
     /// A level square whose vertex normals lean outwards.

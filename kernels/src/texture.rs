@@ -204,15 +204,19 @@ impl HeightTexels<'_> {
         let mut level = finest.number(detail.number);
         let count = if detail.share > 0.0 { 2 } else { 1 };
         let mut value = 0.0;
-        // A loop, so that the code of the filter stands in a kernel once.
+        // A loop, so that the code of the filter stands in a kernel once; left from its end, so that where `detail` is constant
+        // a compiler sees that there is no second turn.
         let mut i = 0;
-        while i < count {
+        loop {
             let f = footprint(uv, level.width, level.height, self.wrap);
             let t = self.around(level, &f);
             let of_level = lerp(f.fy, lerp(f.fx, t[0], t[1]), lerp(f.fx, t[2], t[3]));
             value = if i == 0 { of_level } else { lerp(detail.share, value, of_level) };
             level = level.next();
             i += 1;
+            if i >= count {
+                break;
+            }
         }
         value
     }
@@ -225,7 +229,7 @@ impl HeightTexels<'_> {
         let count = if detail.share > 0.0 { 2 } else { 1 };
         let mut gradient = Vec2::ZERO;
         let mut i = 0;
-        while i < count {
+        loop {
             let f = footprint(uv, level.width, level.height, self.wrap);
             let t = self.around(level, &f);
             let along_row = lerp(f.fy, t[1] - t[0], t[3] - t[2]);
@@ -238,6 +242,9 @@ impl HeightTexels<'_> {
             gradient = if i == 0 { of_level } else { gradient + (of_level - gradient) * detail.share };
             level = level.next();
             i += 1;
+            if i >= count {
+                break;
+            }
         }
         gradient
     }

@@ -11,7 +11,8 @@ use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::hit::Hit;
 use emboss_kernels::interface::{NO_SEAMS, height_format};
 use emboss_kernels::ray::TraversalRay;
-use emboss_kernels::shading::{SurfaceInteraction, shade_hit};
+use emboss_kernels::render::sample_ray;
+use emboss_kernels::shading::SurfaceInteraction;
 use emboss_tests::Numbers;
 use emboss_tests::compare::{rendered, rmse};
 use emboss_tests::meshes;
@@ -142,7 +143,7 @@ fn light_from_behind_the_surface_gives_nothing() {
             let target = centre + numbers.in_cube() * size * 0.3;
             let Some((ray, hit)) = traced(&ready, eye, (target - eye).normalize()) else { continue };
             let surface = SurfaceInteraction::new(&ready.view(), ready.features, &ray, hit);
-            let radiance = shade_hit(&ready.view(), ready.features, &ray, hit, 0, &mut Counts::default()).x;
+            let radiance = sample_ray(&ready.view(), ready.features, ray, &mut Counts::default()).radiance.x;
             let (ng, ns) = (surface.ng.as_dvec3(), surface.ns.as_dvec3());
             let to_light = (light - surface.point).as_dvec3();
             let (wi, wo) = (to_light.normalize(), -ray.direction.as_dvec3());

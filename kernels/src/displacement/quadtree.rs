@@ -619,9 +619,10 @@ impl Prism {
             return vector_bounds::of_node(field, &base, &self.frame, node, has_seams, coarse, self.margin);
         }
         let mut bounds = Bounds::EMPTY;
-        // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once.
+        // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once; left
+        // from its end, so that where no edge is coarse a compiler sees that there is no second turn.
         let mut part = 0;
-        while part < 4 {
+        loop {
             let mut corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
             if part > 0 {
                 let [a, b] = node.stretch_ends(part - 1, field);
@@ -629,8 +630,11 @@ impl Prism {
             }
             let hull = self.hull(field, corners);
             bounds = bounds.including(hull.min).including(hull.max);
-            // The next edge that it touches and that is coarse; none where no edge is.
-            part = if field.is_adaptive() { next_part(coarse, part) } else { 4 };
+            // The next edge that it touches and that is coarse.
+            part = next_part(coarse, part);
+            if !(field.is_adaptive() && part < 4) {
+                break;
+            }
         }
         if has_seams {
             let base = BaseTriangle::load(scene, self.primitive);

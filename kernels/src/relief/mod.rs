@@ -26,7 +26,7 @@ use crate::math::at;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::shading::SurfaceInteraction;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use tangent_space::{TangentRay, TangentSpace};
 
 /// What a method shows of the relief where a ray meets a base triangle, in the space of its mesh. `flat` is the base triangle
@@ -88,8 +88,8 @@ fn searched(
     }
 }
 
-/// How much the relief lets through, by a method of layers, of the light from the world's direction `wi`, 0 to 1, where `surface` is what
-/// [`surface()`] gave of the hit.
+/// How much the relief lets through, by a method of layers, of the light from the world's direction `wi`, 0 to 1, where
+/// [`surface()`] gave these texture coordinates and this height for the hit.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
 #[inline]
@@ -97,14 +97,15 @@ pub fn light_seen(
     scene: &SceneView<'_>,
     features: Features,
     hit: Hit,
-    surface: &SurfaceInteraction,
+    uv: Vec2,
+    height: f32,
     wi: Vec3,
 ) -> f32 {
     let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
     let base = BaseTriangle::load(scene, hit.primitive);
     let w = Vec3::new(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
     let space = TangentSpace::new(&field, &base, w);
-    let ray = space.ray(surface.uv, surface.height, object_vector(scene, features, hit, wi));
+    let ray = space.ray(uv, height, object_vector(scene, features, hit, wi));
     let span = ray.span(space.heights(), 0.0);
     if !span.is_some() {
         return 1.0;

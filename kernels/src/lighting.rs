@@ -1,0 +1,202 @@
+//! The light that reaches a hit.
+
+use crate::counters::Counts;
+use crate::hit::Hit;
+use crate::interface::{Frame, PointLight, method};
+use crate::math::{at, dot, sqrt, unit};
+use crate::ray::TraversalRay;
+use crate::relief;
+use crate::scene::{Features, SceneView};
+use crate::shading::SurfaceInteraction;
+use glam::{Vec2, Vec3};
+
+/// What a sample shows: a colour times the light that reaches it, summed up light after light.
+///
+/// Who traces the sample's rays asks for [one shadow ray after the other](Self::next_shadow_ray) and says what each one met.
+/// So the code of a traversal stands in a kernel once, for primary and shadow rays alike: it is nearly all of a kernel.
+///
+/// The light is Lambert's and ambient, on a two-sided surface: ambient + the sum over lights of I / d² cos. The viewer's
+/// side is that of the micro-triangle, and a light on its other side gives nothing, whatever the shading normal.
+///
+/// All of it takes registers while shadow rays are traced, so it is little: what a light gives is computed again once its
+/// shadow ray has come through.
+#[derive(Clone, Copy, Debug)]
+pub struct DirectLighting {
+    /// Linear RGB of the surface.
+    color: Vec3,
+    /// What light has reached it so far.
+    light: Vec3,
+    /// The first light that was not looked at.
+    next_light: u32,
+    /// What shadow rays leave.
+    hit: Hit,
+    /// Where they start: beyond the error of the hit point, on the viewer's side.
+    origin: Vec3,
+    /// Where light arrives: there too, but of methods in image space where the relief was found.
+    shown: Vec3,
+    /// Texture coordinates and height there, which methods in image space take.
+    uv: Vec2,
+    height: f32,
+    /// How much of the light that is looked at comes through the relief; 1 but of methods in image space.
+    seen: f32,
+    /// Unit geometric normal on that side.
+    ng: Vec3,
+    /// Unit normal that light is reflected by, turned as `ng` is.
+    ns: Vec3,
+}
+
+impl DirectLighting {
+    /// A colour that is shown as it is.
+    #[inline]
+    pub fn unlit(color: Vec3) -> Self {
+        DirectLighting {
+            color,
+            light: Vec3::ONE,
+            next_light: u32::MAX,
+            hit: Hit::NONE,
+            origin: Vec3::ZERO,
+            shown: Vec3::ZERO,
+            uv: Vec2::ZERO,
+            height: 0.0,
+            seen: 1.0,
+            ng: Vec3::ZERO,
+            ns: Vec3::ZERO,
+        }
+    }
+
+    /// A surface of that albedo, before any of the lights is looked at. `ray` is the primary one.
+    #[inline]
+    pub fn new(
+        frame: &Frame,
+        features: Features,
+        albedo: Vec3,
+        ray: &TraversalRay,
+        hit: Hit,
+        surface: &SurfaceInteraction,
+    ) -> Self {
+        let behind = dot(ray.direction, surface.ng) > 0.0;
+        let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
+        let origin = surface.spawn_origin(ng);
+        let in_image_space = method::is_image_space(features.method);
+        DirectLighting {
+            color: albedo,
+            light: Vec3::splat(frame.ambient),
+            next_light: 0,
+            hit,
+            origin,
+            shown: if in_image_space { surface.shown_point(features, ray) } else { origin },
+            uv: surface.uv,
+            height: surface.height,
+            seen: 1.0,
+            ng,
+            ns,
+        }
+    }
+
+    /// Adds the lights that need no shadow ray, up to the next one that does: the ray towards that, and whether there is one.
+    #[inline]
+    pub fn next_shadow_ray(
+        &mut self,
+        scene: &SceneView<'_>,
+        features: Features,
+        counts: &mut Counts,
+    ) -> (TraversalRay, bool) {
+        let mut light = Vec3::ZERO;
+        let mut found = false;
+        while !found && self.next_light < scene.frame.light_count {
+            let source = at(scene.lights, self.next_light);
+            light = source.position;
+            let cosine = self.cosine(features, light - self.shown);
+            if method::has_layers(features.method) && features.shadows != 0 && cosine > 0.0 {
+                let wi = unit(light - self.shown);
+                self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, wi);
+            }
+            let lit = cosine * self.seen > 0.0;
+            found = features.shadows != 0 && lit;
+            if lit && !found {
+                self.add(&source, cosine);
+            }
+            self.next_light += 1;
+        }
+        counts.shadow_rays += found as u32;
+        let toward = light - self.origin;
+        let distance = toward.length();
+        (TraversalRay::new(self.origin, toward / distance, distance).leaving(self.hit), found)
+    }
+
+    /// Takes what the last shadow ray met.
+    #[inline]
+    pub fn add_unless_occluded(&mut self, scene: &SceneView<'_>, features: Features, met: Hit) {
+        if !met.is_some() {
+            let source = at(scene.lights, self.next_light - 1);
+            let cosine = self.cosine(features, source.position - self.shown);
+            self.add(&source, cosine);
+        }
+    }
+
+    /// Adds a light that reaches the surface.
+    #[inline]
+    fn add(&mut self, source: &PointLight, cosine: f32) {
+        let toward = source.position - self.shown;
+        self.light += source.color * (source.intensity * (cosine * self.seen) / toward.dot(toward));
+    }
+
+    /// The cosine by which light from the direction `toward`, of any length, is reflected: not above 0 from behind.
+    #[inline]
+    fn cosine(&self, features: Features, toward: Vec3) -> f32 {
+        let wi = toward / sqrt(toward.dot(toward));
+        let geometric = wi.dot(self.ng);
+        if method::is_image_space(features.method) {
+            // What is behind the base triangle gives it no light either.
+            if geometric > 0.0 { wi.dot(self.ns) } else { 0.0 }
+        } else if features.smooth == 0 || !(geometric > 0.0) {
+            geometric
+        } else {
+            softened_cosine(geometric, wi.dot(self.ns), self.ng.dot(self.ns))
+        }
+    }
+
+    /// Linear RGB of the sample, once there is no further shadow ray.
+    #[inline]
+    pub fn radiance(&self) -> Vec3 {
+        self.color * self.light
+    }
+}
+
+/// Lambert's cosine at the shading normal, brought down to 0 towards where light begins to come from behind the flat
+/// micro-triangle: without that, a micro-triangle would be lit up to there and black beyond, and show its outline.
+///
+/// The factor is that of Chiang, Li and Burley, "Taming the Shadow Terminator", SIGGRAPH 2019 Talks: with
+/// G = min(1, (ng·wi) / ((ns·wi) (ng·ns))) it is G + G² - G³, which has the slope 0 where it meets 1. The paper takes
+/// ng·ns above 0; where it is not, the product is not above `geometric` either, and G is 1.
+///
+/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not above
+/// 0 where that is not.
+#[inline]
+fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {
+    let whole = shading * between;
+    let g = if geometric < whole { geometric / whole } else { 1.0 };
+    shading * (g * (1.0 + g * (1.0 - g)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The paper's factor by hand: it has slope 1 at 0, slope 0 where it meets 1, and G = 1 wherever the facet sees the
+    /// light at least as steeply as the shading normal does.
+    #[test]
+    fn softened_cosine_leads_from_lambert_to_nothing() {
+        assert_eq!(softened_cosine(0.5, 0.5, 1.0), 0.5);
+        assert_eq!(softened_cosine(0.9, 0.5, 1.0), 0.5);
+        // G = 1/2: 1/2 + 1/4 - 1/8.
+        assert_eq!(softened_cosine(0.25, 0.5, 1.0), 0.5 * 0.625);
+        assert_eq!(softened_cosine(0.0625, 0.5, 0.25), 0.5 * 0.625);
+        let low = 1e-3;
+        assert!((softened_cosine(low, 1.0, 1.0) - low).abs() < 2.0 * low * low);
+        assert!(softened_cosine(1.0 - low, 1.0, 1.0) > 1.0 - 3.0 * low * low);
+        // More than a right angle between the normals; a light behind the shading normal.
+        assert_eq!(softened_cosine(0.1, 0.5, -0.2), 0.5);
+        assert!(softened_cosine(0.1, -0.5, 0.9) <= 0.0);
+    }
+}
