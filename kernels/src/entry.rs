@@ -6,6 +6,8 @@
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 pub mod bvh;
+pub mod distances;
+pub mod tessellate;
 
 use crate::bvh::radix_sort::{self, Pairs};
 use crate::bvh::scan;
@@ -62,6 +64,8 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -82,6 +86,8 @@ pub fn render(
         materials,
         lights,
         instances,
+        micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -159,6 +165,8 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -180,6 +188,8 @@ pub fn trace_rays(
         materials,
         lights,
         instances,
+        micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -245,6 +255,8 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -266,6 +278,8 @@ pub fn bound_heights(
             materials,
             lights,
             instances,
+            micro_vertices,
+            distances,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -299,6 +313,8 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -320,6 +336,8 @@ pub fn decide_seams(
             materials,
             lights,
             instances,
+            micro_vertices,
+            distances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -354,6 +372,8 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -385,6 +405,8 @@ pub fn prism_bounds(
             materials,
             lights,
             instances,
+            micro_vertices,
+            distances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

@@ -101,14 +101,13 @@ impl DirectLighting {
         features: Features,
         counts: &mut Counts,
     ) -> (TraversalRay, bool) {
-        let in_image_space = method::is_image_space(features.method);
         let mut light = Vec3::ZERO;
         let mut found = false;
         while !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
             light = source.position;
             let cosine = self.cosine(features, light - self.shown);
-            if in_image_space && features.shadows != 0 && cosine > 0.0 {
+            if method::searches_relief(features.method) && features.shadows != 0 && cosine > 0.0 {
                 let wi = unit(light - self.shown);
                 self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, wi);
             }

@@ -56,8 +56,11 @@ impl SurfaceInteraction {
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
         let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
         let is_flat = method::traces_base_mesh(features.method);
+        let is_smooth = features.method == method::INVERSE;
         let (p, w) = if is_flat {
             ([base.p0, base.p1, base.p2], b)
+        } else if is_smooth {
+            (base.tangent_triangle(&field, b), b)
         } else {
             let cell = Cell::unpack(hit.cell);
             let corner = |e: u32| {
@@ -66,6 +69,8 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
+        // A tangent triangle has its corner there.
+        let on_triangle = if is_smooth { Vec3::X } else { b };
         let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
         let area = cross(e1, e2);
         let n = unit(area);
@@ -78,11 +83,11 @@ impl SurfaceInteraction {
             base.shading_normal(&field, w, ng)
         };
         let uv = base.uv(w);
-        let parts = if is_flat { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
+        let parts = if is_flat || is_smooth { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
         let uv_area = (base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs();
         let mut surface = SurfaceInteraction {
-            point: interpolate(b, p[0], p[1], p[2]),
-            point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
+            point: interpolate(on_triangle, p[0], p[1], p[2]),
+            point_error: interpolate(on_triangle.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng,
             ns,
             uv,

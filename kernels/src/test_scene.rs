@@ -26,6 +26,8 @@ pub(crate) struct TestScene {
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Vec<PointLight>,
     pub(crate) instances: Vec<Instance>,
+    pub(crate) micro_vertices: Vec<f32>,
+    pub(crate) distances: Vec<f32>,
 }
 
 /// The undisplaced method, lit, without shadows.
@@ -123,6 +125,8 @@ impl TestScene {
             materials: &self.materials,
             lights: &self.lights,
             instances: &self.instances,
+            micro_vertices: &self.micro_vertices,
+            distances: &self.distances,
         }
     }
 }

@@ -221,9 +221,29 @@ pub enum RenderError {
         /// Which one.
         method: Method,
     },
+    /// Micro-triangles are stored for one view and one place.
+    #[error("--method tessellate stores micro-triangles once, but {what}; use --method quadtree")]
+    StoredOnce {
+        /// What asks for more.
+        what: &'static str,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
+}
+
+/// Refuses what asks for more than one stored surface.
+fn check_stored(settings: &Settings, instances: &[Instance]) -> Result<(), RenderError> {
+    let what = if !settings.method.is_stored() {
+        return Ok(());
+    } else if settings.filter == Filter::Trilinear {
+        "with --filter trilinear heights follow the camera"
+    } else if !instances.is_empty() {
+        "instances have a place each"
+    } else {
+        return Ok(());
+    };
+    Err(RenderError::StoredOnce { what })
 }
 
 /// Finds out whether a picture fits in memory, before anything is computed for it. Where the system does not tell
@@ -258,12 +278,13 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
     let method = settings.method;
-    if settings.displacement != DisplacementKind::Height && !method.takes_any_scene() {
+    if settings.displacement != DisplacementKind::Height && !method.takes_vectors() {
         return Err(RenderError::MethodOfVectors { method });
     }
     if settings.adaptive.is_some() && !method.takes_any_scene() {
         return Err(RenderError::MethodOfAuto { method });
     }
+    check_stored(settings, &instances)?;
     check_texels(&reliefs)?;
     let tangents = match settings.displacement {
         DisplacementKind::Tangent => mesh.split_by_tangents(),

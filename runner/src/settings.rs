@@ -16,10 +16,28 @@ pub enum Method {
     Quadtree,
     /// The grid walk of Smits, Shirley and Stark 2000
     GridWalk,
+    /// The N² micro-triangles stored, in a BVH of their own (vertex displacement): exact
+    Tessellate,
     /// Every one of the N² micro-triangles, the slow reference
     BruteForce,
-    /// Steep parallax mapping (McGuire 2005): the first of N layers below the relief. Silhouettes stay flat
+    /// Inverse displacement mapping (Patterson 1991): N steps along the ray through each prism
+    Inverse,
+    /// Bump mapping (Blinn 1978): normals of the relief. Outlines stay those of the base mesh, as with all that follow
+    Bump,
+    /// Parallax mapping (Kaneko 2001): moves the maps by the height over a hit
+    Parallax,
+    /// Parallax mapping with offset limiting (Welsh 2004)
+    ParallaxLimited,
+    /// Steep parallax mapping (McGuire 2005): the first of N layers inside the relief
     Steep,
+    /// Relief mapping (Policarpo 2005): N layers, then a binary search
+    Relief,
+    /// Parallax occlusion mapping (Tatarchuk 2006): N layers, then a straight line; soft shadows
+    Occlusion,
+    /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, at most N visits a level
+    Pyramid,
+    /// Sphere tracing by a distance map (Donnelly 2005): at most N steps
+    Sphere,
     /// The base triangles, undisplaced
     None,
 }
@@ -30,14 +48,23 @@ impl Method {
         match self {
             Method::Quadtree => method::QUADTREE,
             Method::GridWalk => method::GRID_WALK,
+            Method::Tessellate => method::TESSELLATE,
             Method::BruteForce => method::BRUTE_FORCE,
+            Method::Inverse => method::INVERSE,
+            Method::Bump => method::BUMP,
+            Method::Parallax => method::PARALLAX,
+            Method::ParallaxLimited => method::PARALLAX_LIMITED,
             Method::Steep => method::STEEP,
+            Method::Relief => method::RELIEF,
+            Method::Occlusion => method::OCCLUSION,
+            Method::Pyramid => method::PYRAMID,
+            Method::Sphere => method::SPHERE,
             Method::None => method::NONE,
         }
     }
 
     /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
-    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles.
+    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
             Method::Quadtree => 128,
@@ -47,18 +74,33 @@ impl Method {
         }
     }
 
+    /// Whether something is stored for it that other methods do without, so that a scene is loaded for it alone.
+    pub fn has_own_store(self) -> bool {
+        matches!(self, Method::Tessellate | Method::Sphere)
+    }
+
+    /// Whether it intersects what is stored for one view and one place of each triangle.
+    pub fn is_stored(self) -> bool {
+        self == Method::Tessellate
+    }
+
     /// What N is to it, in a few words; `None` where it has no say.
     pub fn parameter(self) -> Option<&'static str> {
         match self {
-            Method::Quadtree | Method::GridWalk | Method::BruteForce => Some("parts of each triangle's side"),
-            Method::Steep => Some("layers of the relief"),
-            Method::None => None,
+            Method::Quadtree | Method::GridWalk | Method::Tessellate | Method::BruteForce => {
+                Some("parts of each triangle's side")
+            }
+            Method::Inverse => Some("steps through each prism"),
+            Method::Pyramid => Some("visits for each level of the pyramid"),
+            Method::Sphere => Some("most steps of a ray"),
+            Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
+            Method::Bump | Method::Parallax | Method::ParallaxLimited | Method::None => None,
         }
     }
 
     /// Whether every ray hits the micro-triangle surface as exact arithmetic would have it, but for rounding.
     pub fn is_exact(self) -> bool {
-        matches!(self, Method::Quadtree | Method::BruteForce)
+        matches!(self, Method::Quadtree | Method::Tessellate | Method::BruteForce)
     }
 
     /// Whether it looks for the relief in texture space, from where a ray meets a base triangle.
@@ -74,6 +116,11 @@ impl Method {
     /// Whether it takes vector displacement, and an N that follows the camera.
     pub fn takes_any_scene(self) -> bool {
         method::takes_any_scene(self.id())
+    }
+
+    /// Whether it takes vector displacement.
+    pub fn takes_vectors(self) -> bool {
+        method::takes_vectors(self.id())
     }
 }
 

@@ -562,20 +562,7 @@ impl BaseTriangle {
         c: Vec3,
         nearest: Hit,
     ) -> Hit {
-        let packed = cell.pack();
-        let hit = triangle::intersect(ray, a, b, c, ray.t_max);
-        let left = self.primitive == ray.left_primitive && packed == ray.left_cell;
-        if left || !hit.t.is_finite() {
-            return nearest;
-        }
-        nearest.nearer(Hit {
-            t: hit.t,
-            primitive: self.primitive,
-            cell: packed,
-            b1: hit.b1,
-            b2: hit.b2,
-            ..Hit::NONE
-        })
+        intersect_micro_triangle(self.primitive, ray, cell, [a, b, c], nearest)
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
@@ -735,6 +722,24 @@ impl BaseTriangle {
             self.p2
         }
     }
+}
+
+/// The nearer of `nearest` and the ray's hit on the micro-triangle of `cell` of base triangle `primitive`.
+#[inline]
+pub(super) fn intersect_micro_triangle(
+    primitive: u32,
+    ray: &TraversalRay,
+    cell: Cell,
+    [a, b, c]: [Vec3; 3],
+    nearest: Hit,
+) -> Hit {
+    let packed = cell.pack();
+    let hit = triangle::intersect(ray, a, b, c, ray.t_max);
+    let left = primitive == ray.left_primitive && packed == ray.left_cell;
+    if left || !hit.t.is_finite() {
+        return nearest;
+    }
+    nearest.nearer(Hit { t: hit.t, primitive, cell: packed, b1: hit.b1, b2: hit.b2, ..Hit::NONE })
 }
 
 /// The corner whose barycentric coordinates `w` are, or 3.

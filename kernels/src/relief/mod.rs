@@ -6,10 +6,17 @@
 //! h(u, v), of which the micro-triangles of exact methods are the limit for a great N.
 //!
 //! A further method of this kind is an id in [`method`] between `BUMP` and `SPHERE`, a file here, and a branch in
-//! [`distance`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
+//! [`surface()`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
 //! shadows of its own); on the host a variant of `settings::Method`.
 
+pub mod binary;
+pub mod bump;
+pub mod distance_map;
 pub mod layers;
+pub mod occlusion;
+pub mod parallax;
+pub mod pyramid;
+pub mod sphere_trace;
 pub mod steep;
 pub mod tangent_space;
 #[cfg(test)]
@@ -42,7 +49,14 @@ pub fn surface(
     let space = TangentSpace::new(field, base, w);
     let direction = object_vector(scene, features, hit, ray.direction);
     let tangent_ray = space.ray(flat.uv, 0.0, direction);
-    let offset = distance(scene, features, &space, &tangent_ray, hit.t);
+    let mut offset = 0.0;
+    if method::searches_relief(features.method) {
+        offset = searched(scene, features, &space, &tangent_ray, hit.t);
+    } else if features.method == method::PARALLAX {
+        offset = parallax::offset(&space, &tangent_ray);
+    } else if features.method == method::PARALLAX_LIMITED {
+        offset = parallax::limited_offset(&space, &tangent_ray, direction.length());
+    }
     let uv = tangent_ray.uv(offset);
     SurfaceInteraction {
         uv,
@@ -53,10 +67,10 @@ pub fn surface(
     }
 }
 
-/// How far behind its hit on the base triangle a ray meets the relief, by the method that the features name; negative where it
-/// does before, at most by `t_hit`. In the world's lengths, as `ray` is.
+/// How far behind its hit on the base triangle a ray meets the relief, by a search; negative where it does before, at
+/// most by `t_hit`. In the world's lengths, as `ray` is.
 #[inline]
-fn distance(
+fn searched(
     scene: &SceneView<'_>,
     features: Features,
     space: &TangentSpace<'_>,
@@ -67,12 +81,25 @@ fn distance(
     if !span.is_some() {
         return 0.0;
     }
-    let bracket = layers::search(space, ray, span, scene.frame.subdivisions);
-    if features.method == method::STEEP { steep::refine(bracket) } else { 0.0 }
+    let n = scene.frame.subdivisions;
+    if features.method == method::PYRAMID {
+        pyramid::search(space, ray, span, n)
+    } else if features.method == method::SPHERE {
+        sphere_trace::search(scene.distances, space, ray, span, n)
+    } else {
+        let bracket = layers::search(space, ray, span, n);
+        if features.method == method::STEEP {
+            steep::refine(bracket)
+        } else if features.method == method::RELIEF {
+            binary::refine(space, ray, bracket)
+        } else {
+            occlusion::refine(bracket)
+        }
+    }
 }
 
-/// How much the relief lets through of the light from the world's direction `wi`, 0 to 1, where [`surface()`] gave these
-/// texture coordinates and this height for the hit.
+/// How much the relief lets through, by a method that searches, of the light from the world's direction `wi`, 0 to 1, where
+/// [`surface()`] gave these texture coordinates and this height for the hit. Those without shadows of their own take layers for it.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
 #[inline]
@@ -94,7 +121,12 @@ pub fn light_seen(
         return 1.0;
     }
     let n = scene.frame.subdivisions;
-    if features.method == method::STEEP { layers::light_seen(&space, &ray, span, n) } else { 1.0 }
+    if features.method == method::OCCLUSION {
+        let (low, high) = space.heights();
+        occlusion::light_seen(&space, &ray, span, high - low, n)
+    } else {
+        layers::light_seen(&space, &ray, span, n)
+    }
 }
 
 /// A vector of the world in the space of the mesh that was hit.

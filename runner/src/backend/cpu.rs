@@ -136,7 +136,16 @@ impl Backend for CpuBackend {
             method::NONE => pass.run::<{ method::NONE }>(film, progress),
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(film, progress),
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(film, progress),
+            method::TESSELLATE => pass.run::<{ method::TESSELLATE }>(film, progress),
+            method::INVERSE => pass.run::<{ method::INVERSE }>(film, progress),
+            method::PYRAMID => pass.run::<{ method::PYRAMID }>(film, progress),
+            method::BUMP => pass.run::<{ method::BUMP }>(film, progress),
+            method::PARALLAX => pass.run::<{ method::PARALLAX }>(film, progress),
+            method::PARALLAX_LIMITED => pass.run::<{ method::PARALLAX_LIMITED }>(film, progress),
+            method::SPHERE => pass.run::<{ method::SPHERE }>(film, progress),
             method::STEEP => pass.run::<{ method::STEEP }>(film, progress),
+            method::RELIEF => pass.run::<{ method::RELIEF }>(film, progress),
+            method::OCCLUSION => pass.run::<{ method::OCCLUSION }>(film, progress),
             _ => pass.run::<{ method::QUADTREE }>(film, progress),
         };
         add_totals(&mut self.totals, &totals, features.counters != 0);

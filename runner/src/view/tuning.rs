@@ -117,7 +117,10 @@ impl Tuning {
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
         // Boxes are those of what rays meet: displaced or not.
         let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
-        levels || boxes || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        // Those that store something are loaded with it.
+        let (method, others) = (self.method_of(base), other.method_of(base));
+        let stored = method != others && (method.has_own_store() || others.has_own_store());
+        levels || boxes || stored || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.
@@ -179,11 +182,15 @@ impl Tuning {
 
     /// The next method that takes the scene's maps, and N as it is.
     pub fn next_method(&mut self, settings: &Settings) {
-        let mut method = next(self.method_of(settings));
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
-        let any = auto || settings.displacement != DisplacementKind::Height;
-        // Some do.
-        while any && !method.takes_any_scene() {
+        let vectors = settings.displacement != DisplacementKind::Height;
+        let is_refused = |method: Method| {
+            auto && !method.takes_any_scene()
+                || vectors && !method.takes_vectors()
+                || method.is_stored() && settings.filter == Filter::Trilinear
+        };
+        let mut method = next(self.method_of(settings));
+        while is_refused(method) {
             method = next(method);
         }
         self.method = Some(method);
@@ -295,9 +302,9 @@ mod tests {
             }
             methods
         };
-        assert_eq!(round(DisplacementKind::Height).len(), 4);
+        assert_eq!(round(DisplacementKind::Height).len(), Method::value_variants().len());
         let of_vectors = round(DisplacementKind::Tangent);
-        assert_eq!(of_vectors, [Method::BruteForce, Method::None, Method::Quadtree]);
+        assert_eq!(of_vectors, [Method::Tessellate, Method::BruteForce, Method::None, Method::Quadtree]);
     }
 
     #[test]

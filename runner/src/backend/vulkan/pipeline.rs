@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 19;
+pub(super) const MOST_BINDINGS: u32 = 21;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -34,6 +34,8 @@ macro_rules! scene_and {
             TANGENTS,
             TEXEL_SCALES,
             INSTANCES,
+            MICRO_VERTICES,
+            DISTANCES,
             $($more),*
         ]
     };
@@ -78,6 +80,10 @@ kernels! {
     BoundHeights: "bound_heights",
     DecideSeams: "decide_seams",
     PrismBounds: "prism_bounds",
+    Tessellate: "tessellate",
+    TessellateBounds: "tessellate_bounds",
+    DistanceColumns: "distance_columns",
+    DistanceMap: "distance_map",
     Probe: "probe",
     SumBlocks: "sum_blocks",
     ScanSerially: "scan_serially",
@@ -110,6 +116,9 @@ impl Kernel {
             Kernel::BoundHeights => "bounding the triangles' heights",
             Kernel::DecideSeams => "deciding the seams",
             Kernel::PrismBounds => "bounding the displaced triangles",
+            Kernel::Tessellate => "displacing micro-vertices",
+            Kernel::TessellateBounds => "bounding micro-triangles",
+            Kernel::DistanceColumns | Kernel::DistanceMap => "mapping distances",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
@@ -138,7 +147,11 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams => scene_and![],
+            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate | Kernel::DistanceColumns => {
+                scene_and![]
+            }
+            Kernel::DistanceMap => &[DISPLACEMENTS, DISTANCES],
+            Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
             Kernel::PrismBounds => scene_and![BOXES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
             Kernel::ScanSerially => &[SCAN_VALUES],
@@ -190,6 +203,10 @@ impl Kernel {
             | Kernel::BoundHeights
             | Kernel::DecideSeams
             | Kernel::PrismBounds
+            | Kernel::Tessellate
+            | Kernel::TessellateBounds
+            | Kernel::DistanceColumns
+            | Kernel::DistanceMap
             | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
@@ -252,11 +269,13 @@ impl Kernel {
                 ADAPTIVE,
                 INSTANCES,
             ],
-            Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::HeightPyramid | Kernel::DistanceColumns => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::DistanceMap => &[HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => {
                 &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
             }
+            Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }

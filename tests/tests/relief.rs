@@ -1,0 +1,262 @@
+//! Methods in image space: what they find where the answer is known, and what is left of the base mesh.
+
+use emboss::backend::Backend;
+use emboss::backend::cpu::CpuBackend;
+use emboss::render::{RenderError, Scene, prepare};
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
+use emboss::settings::{DisplacementKind, Method, Settings};
+use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format};
+use emboss_tests::compare::rendered;
+use emboss_tests::instances::{placed, rotation, world_ray};
+use emboss_tests::scenes::{builtin, builtin_scene, job};
+use emboss_tests::{Numbers, RaySource};
+use glam::{DAffine3, DVec2, DVec3, Vec3};
+use std::f64::consts::TAU;
+
+/// All of them.
+const METHODS: [Method; 6] = [
+    Method::Bump,
+    Method::Parallax,
+    Method::ParallaxLimited,
+    Method::Steep,
+    Method::Relief,
+    Method::Occlusion,
+];
+/// Texels of a side of the waves' map.
+const SIDE: u32 = 1024;
+/// Height of the waves from trough to crest, on a square of side 1.
+const HEIGHT: f32 = 0.08;
+
+/// The square [0, 1]² facing +z, its texture coordinates x and y, under waves in both directions around it.
+fn waves() -> Scene {
+    let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+    let vertex = |(u, v)| Vertex { position: Vec3::new(u, v, 0.0), u, normal: Vec3::Z, v };
+    let wave = |i: u32| (4.0 * TAU * (f64::from(i) + 0.5) / f64::from(SIDE)).sin();
+    let texel = |x: u32, y: u32| (0.5 + 0.25 * (wave(x) + wave(SIDE - 1 - y))) as f32;
+    let texels = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| texel(x, y).to_bits())).collect();
+    let map = HeightMap {
+        width: SIDE,
+        height: SIDE,
+        format: height_format::FLOAT32,
+        texels,
+        range: (0.0, 1.0),
+        replaced: 0,
+    };
+    Scene {
+        mesh: Mesh::from_triangles(&corners.map(vertex), &[[0, 1, 2], [0, 2, 3]]),
+        reliefs: vec![Relief::new(map, 0.5, HEIGHT)],
+        materials: vec![Material::default()],
+        parts: vec![],
+        subdivisions: 1,
+    }
+}
+
+/// The bilinear filter over the waves' map, in `f64`.
+fn height(texels: &[u32], p: DVec2) -> f64 {
+    let side = i64::from(SIDE);
+    let (x, y) = (p.x * side as f64 - 0.5, (1.0 - p.y) * side as f64 - 0.5);
+    let texel = |i: i64, j: i64| {
+        let index = j.rem_euclid(side) * side + i.rem_euclid(side);
+        f64::from(f32::from_bits(texels[index as usize]))
+    };
+    let (i, j) = (x.floor() as i64, y.floor() as i64);
+    let (fx, fy) = (x - x.floor(), y - y.floor());
+    let row = |j| texel(i, j) * (1.0 - fx) + texel(i + 1, j) * fx;
+    f64::from(HEIGHT) * (row(j) * (1.0 - fy) + row(j + 1) * fy - 0.5)
+}
+
+/// Where a ray meets the waves: it is steeper than these, so that it does once.
+fn root(texels: &[u32], ray: &Ray) -> f64 {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let outside = |t: f64| {
+        let p: DVec3 = o + d * t;
+        (p.z - height(texels, p.truncate())) * -d.z > 0.0
+    };
+    let reach = f64::from(HEIGHT);
+    let (mut near, mut far) = ((-o.z - reach) / d.z, (reach - o.z) / d.z);
+    if near > far {
+        (near, far) = (far, near);
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (near + far);
+        if outside(middle) { near = middle } else { far = middle }
+    }
+    far
+}
+
+/// Rays from either side at 45 degrees and more, through the middle of the square.
+fn steep_rays(count: usize) -> Vec<Ray> {
+    let mut numbers = Numbers::new(70);
+    let ray = |i: usize| {
+        let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let target = Vec3::new(numbers.between(0.3, 0.7), numbers.between(0.3, 0.7), 0.0);
+        let direction = Vec3::new(numbers.between(-0.7, 0.7), numbers.between(-0.7, 0.7), side);
+        Ray { origin: target - direction * 0.2, t_max: f32::INFINITY, direction, padding: 0 }
+    };
+    (0..count).map(ray).collect()
+}
+
+fn hits(scene: Scene, method: Method, rays: &[Ray]) -> Vec<Intersection> {
+    let job = job(scene, &Settings { method, width: 1, height: 1, ..Settings::default() });
+    let mut backend = CpuBackend::new();
+    backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+    backend.trace_rays(rays).expect("the CPU does not fail")
+}
+
+/// The mean and the greatest distance in height between hits of a method and the waves, by N.
+fn errors(method: Method, n: u32) -> (f64, f64) {
+    let scene = Scene { subdivisions: n, ..waves() };
+    let texels = scene.reliefs[0].map.texels.clone();
+    let rays = steep_rays(400);
+    let found = hits(scene, method, &rays);
+    let error = |(ray, hit): (&Ray, &Intersection)| {
+        // Directions have a height of 1.
+        let error = (f64::from(hit.t) - root(&texels, ray)).abs();
+        // It is the point of the ray, and where the map is read.
+        let point = ray.origin + ray.direction * hit.t;
+        assert!(point.distance(hit.point) < 1e-6, "{ray:?} {hit:?}");
+        assert!((point.x - hit.u).abs().max((point.y - hit.v).abs()) < 1e-6, "{ray:?} {hit:?}");
+        error
+    };
+    let errors: Vec<f64> = rays.iter().zip(&found).map(error).collect();
+    (errors.iter().sum::<f64>() / errors.len() as f64, errors.iter().copied().fold(0.0, f64::max))
+}
+
+/// Numbers of layers, each twice the one before.
+const LAYERS: [u32; 4] = [4, 8, 16, 32];
+/// What rounding can move a hit by, in heights: coordinates of rays and maps are below 1, and some 20 roundings off.
+const ROUNDING: f64 = 20.0 * 6e-8;
+
+/// The heights of a layer.
+fn layer(n: u32) -> f64 {
+    f64::from(HEIGHT) / f64::from(n)
+}
+
+/// Of first order: half a layer on average, as a place anywhere within one is, and never more than one.
+#[test]
+fn steep_converges_by_the_layer() {
+    for n in LAYERS {
+        let (mean, greatest) = errors(Method::Steep, n);
+        assert!(greatest < layer(n) + ROUNDING, "N = {n}: {greatest}");
+        // The mean of 400 such places is off by 3 % (its standard deviation times two).
+        let share = mean / layer(n);
+        assert!((0.46..0.54).contains(&share), "N = {n}: {share} of a layer");
+    }
+}
+
+/// 2^-8 of that.
+#[test]
+fn relief_converges_by_a_part_of_the_layer() {
+    for n in LAYERS {
+        let (mean, greatest) = errors(Method::Relief, n);
+        let part = layer(n) / 256.0;
+        assert!(greatest < part + ROUNDING, "N = {n}: {greatest}");
+        assert!(mean > 0.3 * part - ROUNDING, "N = {n}: {mean} is too good for {part}");
+    }
+}
+
+/// Of second order: a line between two heights is off by the square of their distance, times curvature.
+#[test]
+fn occlusion_converges_by_the_layers_square() {
+    let means = LAYERS.map(|n| errors(Method::Occlusion, n).0);
+    for pair in means.windows(2) {
+        let ratio = pair[0] / pair[1];
+        // 4 where layers are thin; with 4 of them the ray moves by a twelfth of a wave between two, where the next order is a tenth.
+        assert!((3.4..4.6).contains(&ratio), "{means:?}");
+    }
+    // Curvature times an eighth of the distance's square: waves of amplitude HEIGHT / 4 in two directions, at right angles
+    // twice that, along a ray of at most 45 degrees.
+    let curvature = 0.25 * f64::from(HEIGHT) * (4.0 * TAU).powi(2);
+    for (n, mean) in LAYERS.into_iter().zip(means) {
+        assert!(mean < curvature * layer(n).powi(2) / 8.0, "N = {n}: {means:?}");
+    }
+}
+
+/// The exact method's micro-triangles are on the way to the same surface: what the others converge to.
+#[test]
+fn the_exact_method_converges_to_the_same_waves() {
+    let (mean, greatest) = errors_of_exact(512);
+    // An edge of 1/512 (sqrt(2) along the diagonal) under the curvature of both waves, twice over: by triangles and by texels.
+    let curvature = 0.25 * f64::from(HEIGHT) * (4.0 * TAU).powi(2) * 2.0;
+    let bound = 2.0 * curvature * 2.0 / 512.0_f64.powi(2) / 8.0 / (1.0 - 0.71);
+    assert!(greatest < bound + ROUNDING, "{greatest} {mean} {bound}");
+}
+
+fn errors_of_exact(n: u32) -> (f64, f64) {
+    errors(Method::Quadtree, n)
+}
+
+/// Where heights are 0 all over there is nothing to see of a method, to the bit.
+#[test]
+fn flat_maps_show_the_base_mesh() {
+    let flat = || {
+        let mut scene = builtin("builtin:knot");
+        scene.reliefs = vec![Relief::new(HeightMap { width: 1, ..HeightMap::flat(0.0) }, 0.0, 0.3)];
+        Scene { subdivisions: 7, ..scene }
+    };
+    let ready = job(flat(), &Settings::default());
+    let mut source = RaySource::new(&ready, 3);
+    let rays: Vec<Ray> = (0..2000).map(|_| source.from_outside()).collect();
+    let expected = hits(flat(), Method::None, &rays);
+    assert!(expected.iter().filter(|hit| hit.primitive != MISS).count() > 500);
+    for method in METHODS {
+        assert_eq!(hits(flat(), method, &rays), expected, "{method}");
+    }
+}
+
+/// Whatever a method finds, it is seen where the base mesh is, and nowhere else.
+#[test]
+fn outlines_are_the_base_meshs() {
+    let (scene, settings) = builtin_scene("builtin:cube", 8, 64, 48);
+    let coverage = |method| {
+        let picture = rendered(
+            &mut CpuBackend::new(),
+            &job(scene.clone(), &Settings { method, ..settings.clone() }),
+            1,
+        );
+        picture.pixels.iter().map(|pixel| pixel.w).collect::<Vec<_>>()
+    };
+    let flat = coverage(Method::None);
+    for method in METHODS {
+        assert!(!method.changes_silhouette());
+        assert_eq!(coverage(method), flat, "{method}");
+    }
+    assert!(Method::Quadtree.changes_silhouette());
+}
+
+/// A mesh in its place shows what it shows by itself, to a ray that is taken there.
+#[test]
+fn instances_show_what_their_mesh_does() {
+    let mut numbers = Numbers::new(9);
+    let place = DAffine3::from_scale_rotation_translation(
+        DVec3::new(2.0, 0.5, 3.0),
+        rotation(&mut numbers),
+        DVec3::new(0.3, -0.2, 0.4),
+    );
+    let rays = steep_rays(200);
+    let moved: Vec<Ray> = rays.iter().map(|ray| world_ray(place, ray)).collect();
+    for method in [Method::ParallaxLimited, Method::Relief, Method::Occlusion] {
+        let alone = hits(Scene { subdivisions: 16, ..waves() }, method, &rays);
+        let instances = hits(Scene { subdivisions: 16, ..placed(waves(), vec![place]) }, method, &moved);
+        for ((ray, alone), hit) in moved.iter().zip(&alone).zip(&instances) {
+            // Rays in the world have lengths of their own; points need none.
+            let expected = place.transform_point3(alone.point.as_dvec3());
+            assert!(expected.distance(hit.point.as_dvec3()) < 1e-5, "{method} {ray:?}: {hit:?} {expected}");
+            let normal = place.matrix3.inverse().transpose() * alone.normal.as_dvec3();
+            assert!(normal.normalize().distance(hit.normal.as_dvec3()) < 1e-3, "{method} {ray:?}: {hit:?}");
+        }
+    }
+}
+
+#[test]
+fn vectors_and_adaptive_n_are_refused() {
+    for method in METHODS {
+        let auto = Settings { method, adaptive: Some(1.0), ..Settings::default() };
+        let refused = prepare(Scene { subdivisions: 16, ..waves() }, &auto).expect_err("one N is asked for");
+        assert!(matches!(refused, RenderError::MethodOfAuto { .. }), "{refused}");
+        assert!(refused.to_string().contains(&format!("--method {method} ")), "{refused}");
+        let vectors = Settings { method, displacement: DisplacementKind::Object, ..Settings::default() };
+        let refused = prepare(waves(), &vectors).expect_err("heights are asked for");
+        assert!(matches!(refused, RenderError::MethodOfVectors { .. }), "{refused}");
+    }
+}

@@ -1,0 +1,28 @@
+//! Methods in image space on lavapipe: each makes the CPU's picture. Small ones, since lavapipe compiles each method for
+//! seconds.
+
+use emboss::settings::{Method, Settings};
+use emboss_tests::compare::{against_cpu, rendered};
+use emboss_tests::scenes::{builtin_scene, job};
+use emboss_tests::{finish, lavapipe};
+
+#[test]
+fn methods_in_image_space_are_alike() {
+    let mut backend = lavapipe();
+    let (scene, settings) = builtin_scene("builtin:cube", 12, 64, 48);
+    for method in [
+        Method::Bump,
+        Method::Parallax,
+        Method::ParallaxLimited,
+        Method::Steep,
+        Method::Relief,
+        Method::Occlusion,
+    ] {
+        let job = job(scene.clone(), &Settings { method, ..settings.clone() });
+        let picture = rendered(&mut backend, &job, 1);
+        against_cpu(&job, 1, &picture).assert_same(&method.to_string());
+        let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();
+        assert!(hit * 4 > picture.pixels.len(), "{method}: only {hit} pixels show anything");
+    }
+    finish(backend);
+}
