@@ -62,6 +62,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -81,6 +82,7 @@ pub fn render(
         color_texels,
         materials,
         lights,
+        normal_texels,
         instances,
     };
     let features = Features {
@@ -159,6 +161,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -179,6 +182,7 @@ pub fn trace_rays(
         color_texels,
         materials,
         lights,
+        normal_texels,
         instances,
     };
     let features = Features {
@@ -245,6 +249,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -265,6 +270,7 @@ pub fn bound_heights(
             color_texels,
             materials,
             lights,
+            normal_texels,
             instances,
         };
         let mut triangle = at(scene.triangles, i);
@@ -299,6 +305,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -319,6 +326,7 @@ pub fn decide_seams(
             color_texels,
             materials,
             lights,
+            normal_texels,
             instances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
@@ -354,6 +362,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -384,6 +393,7 @@ pub fn prism_bounds(
             color_texels,
             materials,
             lights,
+            normal_texels,
             instances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);

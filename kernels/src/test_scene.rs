@@ -25,6 +25,7 @@ pub(crate) struct TestScene {
     pub(crate) color_texels: Vec<u32>,
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Vec<PointLight>,
+    pub(crate) normal_texels: Vec<u32>,
     pub(crate) instances: Vec<Instance>,
 }
 
@@ -122,6 +123,7 @@ impl TestScene {
             color_texels: &self.color_texels,
             materials: &self.materials,
             lights: &self.lights,
+            normal_texels: &self.normal_texels,
             instances: &self.instances,
         }
     }

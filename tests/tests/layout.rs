@@ -195,6 +195,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::TANGENTS, Tangent::many()),
         (binding::TEXEL_SCALES, TexelScale::many()),
         (binding::INSTANCES, Instance::many()),
+        (binding::NORMAL_TEXELS, u32::many()),
     ]
 }
 

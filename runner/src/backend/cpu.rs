@@ -137,6 +137,8 @@ impl Backend for CpuBackend {
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(film, progress),
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(film, progress),
             method::BUMP => pass.run::<{ method::BUMP }>(film, progress),
+            method::BUMP_OFFSET => pass.run::<{ method::BUMP_OFFSET }>(film, progress),
+            method::NORMAL_MAP => pass.run::<{ method::NORMAL_MAP }>(film, progress),
             method::PARALLAX => pass.run::<{ method::PARALLAX }>(film, progress),
             method::PARALLAX_LIMITED => pass.run::<{ method::PARALLAX_LIMITED }>(film, progress),
             method::STEEP => pass.run::<{ method::STEEP }>(film, progress),

@@ -117,7 +117,10 @@ impl Tuning {
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
         // Boxes are those of what rays meet: displaced or not.
         let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
-        levels || boxes || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        // Some methods read a map of their own, which is made for them.
+        let own_map = other.method_of(base).has_own_map() || self.method_of(base).has_own_map();
+        let own_map = own_map && self.method_of(base) != other.method_of(base);
+        levels || boxes || own_map || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.

@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 19;
+pub(super) const MOST_BINDINGS: u32 = 20;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -34,6 +34,7 @@ macro_rules! scene_and {
             TANGENTS,
             TEXEL_SCALES,
             INSTANCES,
+            NORMAL_TEXELS,
             $($more),*
         ]
     };

@@ -29,9 +29,10 @@ const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
-/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`] and [`binding::INSTANCES`], which live as long as the scene.
+/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`] and [`binding::NORMAL_TEXELS`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last five: the boxes, the materials, the tangents, the texels' sizes, the instances.
+    /// By binding, but for the last six: the boxes, the materials, the tangents, the texels' sizes, the instances, the
+    /// normal maps.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -50,6 +51,7 @@ fn place_of(binding: u32) -> usize {
         binding::TANGENTS => binding::COUNTERS as usize + 3,
         binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
         binding::INSTANCES => binding::COUNTERS as usize + 5,
+        binding::NORMAL_TEXELS => binding::COUNTERS as usize + 6,
         _ => binding as usize,
     }
 }
@@ -223,7 +225,7 @@ impl Content<'_> {
 }
 
 /// What each buffer holds, in the order of [`place_of`].
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 6] {
+fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 7] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
@@ -252,6 +254,7 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
         uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
         uploaded("the instances", "use fewer instances, or --backend cpu", cast_slice(&scene.instances)),
+        uploaded("the normal maps", SMALLER_MAP, cast_slice(&scene.normal_texels)),
     ]
 }
 
