@@ -57,9 +57,7 @@ impl Instance {
     /// stays on its side of the surface in a mirror too. NaN where it is zero.
     #[inline]
     pub fn world_normal(&self, n: Vec3) -> Vec3 {
-        let [a, b, c] = self.object_from_world;
-        let column = |x: f32, y: f32, z: f32| fma(z, n.z, fma(y, n.y, x * n.x));
-        unit(Vec3::new(column(a[0], b[0], c[0]), column(a[1], b[1], c[1]), column(a[2], b[2], c[2])))
+        unit(transposed(&self.object_from_world, n))
     }
 
     /// A bound on the error of each coordinate in the world of a point `p` of object space, whose own is bounded by
@@ -77,6 +75,13 @@ impl Instance {
         let (w, o) = (magnitudes(self.world_from_object), magnitudes(self.object_from_world));
         let there_and_back = vector(&o, point(&w, p.abs())) * gamma(32);
         vector(&w, error + there_and_back) * (1.0 + gamma(256))
+    }
+
+    /// A direction at right angles to a surface of the world as a vector in object space: what
+    /// [`world_normal`](Self::world_normal) takes there.
+    #[inline]
+    pub fn object_normal(&self, n: Vec3) -> Vec3 {
+        transposed(&self.world_from_object, n)
     }
 
     /// A ray of the world in object space, up to the distance `t_max` of the world, and the length of a unit of its
@@ -169,6 +174,14 @@ fn vector(rows: &[[f32; 4]; 3], v: Vec3) -> Vec3 {
     let [a, b, c] = *rows;
     let row = |r: [f32; 4]| fma(r[2], v.z, fma(r[1], v.y, r[0] * v.x));
     Vec3::new(row(a), row(b), row(c))
+}
+
+/// The product of the transposed matrix.
+#[inline]
+fn transposed(rows: &[[f32; 4]; 3], v: Vec3) -> Vec3 {
+    let [a, b, c] = *rows;
+    let column = |x: f32, y: f32, z: f32| fma(z, v.z, fma(y, v.y, x * v.x));
+    Vec3::new(column(a[0], b[0], c[0]), column(a[1], b[1], c[1]), column(a[2], b[2], c[2]))
 }
 
 #[inline]

@@ -93,13 +93,16 @@ pub mod binding {
     pub const TEXEL_SCALES: u32 = 39;
     /// `[Instance]`, read.
     pub const INSTANCES: u32 = 40;
+    /// `[u32]`: maps of normals or of offsets, see [`normal_texels`](crate::relief::normal_texels); none unless the method
+    /// reads them; read.
+    pub const NORMAL_TEXELS: u32 = 41;
     /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate); none unless
     /// that is the method. Written by `tessellate`, read by the rest.
     pub const MICRO_VERTICES: u32 = 42;
     /// `[f32]`: a [distance map](crate::relief::distance_map) for each [`Displacement`](super::Displacement); none unless
     /// [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read by the rest.
     pub const DISTANCES: u32 = 43;
-    /// How many bindings set 0 has, with one that is yet to come.
+    /// How many bindings set 0 has.
     pub const COUNT: u32 = 44;
 }
 
@@ -158,9 +161,9 @@ pub mod method {
     pub const INVERSE: u32 = 5;
     /// Bump mapping (Blinn 1978): [`bump`](crate::relief::bump).
     pub const BUMP: u32 = 6;
-    /// Blinn's other form of it, by a map of offsets.
+    /// Blinn's other form of it, by a map of offsets: [`bump_offset`](crate::relief::bump_offset).
     pub const BUMP_OFFSET: u32 = 7;
-    /// Normal mapping.
+    /// Normal mapping (Cohen 1998): [`normal_map`](crate::relief::normal_map).
     pub const NORMAL_MAP: u32 = 8;
     /// Parallax mapping (Kaneko and others 2001): [`parallax`](crate::relief::parallax).
     pub const PARALLAX: u32 = 9;
@@ -182,6 +185,12 @@ pub mod method {
     #[inline]
     pub const fn is_image_space(method: u32) -> bool {
         method >= BUMP && method <= SPHERE
+    }
+
+    /// Whether a method reads a map of its own beside the height map.
+    #[inline]
+    pub const fn has_own_map(method: u32) -> bool {
+        method == BUMP_OFFSET || method == NORMAL_MAP
     }
 
     /// Whether a method looks for the relief along the ray, and from there for lights.
@@ -207,6 +216,16 @@ pub mod method {
     pub const fn takes_vectors(method: u32) -> bool {
         takes_any_scene(method) || method == TESSELLATE
     }
+}
+
+/// The space of a map of normals.
+pub mod normal_space {
+    /// Tangent, bitangent and normal.
+    pub const TANGENT: u32 = 0;
+    /// The mesh's x, y and z.
+    pub const OBJECT: u32 = 1;
+    /// The scene's.
+    pub const WORLD: u32 = 2;
 }
 
 /// Values of [`spec::NORMALS`].

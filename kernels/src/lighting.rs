@@ -2,7 +2,7 @@
 
 use crate::counters::Counts;
 use crate::hit::Hit;
-use crate::interface::{Frame, PointLight, method};
+use crate::interface::{Frame, PointLight, method, shade};
 use crate::math::{at, dot, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
@@ -103,7 +103,8 @@ impl DirectLighting {
     ) -> (TraversalRay, bool) {
         let mut light = Vec3::ZERO;
         let mut found = false;
-        while !found && self.next_light < scene.frame.light_count {
+        let is_lit = features.shade == shade::LIT;
+        while is_lit && !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
             light = source.position;
             let cosine = self.cosine(features, light - self.shown);

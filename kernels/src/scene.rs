@@ -38,6 +38,8 @@ pub struct SceneView<'a> {
     pub materials: &'a [Material],
     /// The lights.
     pub lights: &'a [PointLight],
+    /// Maps of normals or of offsets; none unless the method reads them.
+    pub normal_texels: &'a [u32],
     /// The instances; none unless [`Features::instances`].
     pub instances: &'a [Instance],
     /// Micro-vertices, three floats each; none unless the method is [`TESSELLATE`](crate::interface::method::TESSELLATE).

@@ -6,13 +6,13 @@ use glam::{Vec2, Vec3};
 
 /// The four texels around a point and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Footprint {
+pub(crate) struct Footprint {
     /// Indices of the texels: top left, top right, bottom left, bottom right.
-    texels: [u32; 4],
+    pub(crate) texels: [u32; 4],
     /// Weight of the right texels.
-    fx: f32,
+    pub(crate) fx: f32,
     /// Weight of the bottom texels.
-    fy: f32,
+    pub(crate) fy: f32,
 }
 
 /// A texture coordinate brought into [0, 1]: repeat keeps the fraction, mirror folds, clamp clamps.
@@ -58,7 +58,7 @@ fn wrap_index(i: i32, n: i32, mode: u32) -> u32 {
 /// The footprint of (u, v) in a map of `width` x `height` texels, texel centres at half-integers, v upwards, the
 /// first row at the top.
 #[inline]
-fn footprint(uv: Vec2, width: u32, height: u32, mode: u32) -> Footprint {
+pub(crate) fn footprint(uv: Vec2, width: u32, height: u32, mode: u32) -> Footprint {
     let x = fma(reduce(uv.x, mode), width as f32, -0.5);
     let y = fma(-reduce(uv.y, mode), height as f32, height as f32 - 0.5);
     let (left, top) = (floor(x), floor(y));

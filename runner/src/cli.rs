@@ -15,6 +15,7 @@ use crate::backend::select::{BackendChoice, devices, open_backend};
 use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::bench::build::BenchError;
 use crate::framing::View;
+use crate::normal_maps::{NormalMap, NormalSpace};
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{Cuts, RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
@@ -108,6 +109,13 @@ struct RenderArgs {
     /// How displaced triangles are intersected [default: quadtree]
     #[arg(long, value_enum)]
     method: Option<Method>,
+    /// Normal map that --method normal-map reads: red, green and blue from 0 to 1 are components from -1 to 1, green upwards
+    /// [default: one made from the height map]
+    #[arg(long, value_name = "FILE")]
+    normal_map: Option<PathBuf>,
+    /// What the normal map's components are along [default: tangent]
+    #[arg(long, value_enum, value_name = "SPACE", requires = "normal_map")]
+    normal_space: Option<NormalSpace>,
     /// Direction in which heights are measured [default: normalized]
     #[arg(long, value_enum)]
     normals: Option<Normals>,
@@ -213,6 +221,8 @@ enum CliError {
     DepthWithoutPng(PathBuf),
     #[error("--device chooses a Vulkan device, but --backend cpu uses none; leave one of them out")]
     DeviceWithCpu,
+    #[error("--normal-map is read by --method normal-map alone, not by {0}; leave one of them out")]
+    NormalMapOfNothing(Method),
     #[error("--stats and --output name the same file, {}; give them different names", .0.display())]
     StatsOverPicture(PathBuf),
     #[error("--stats counts the work of a whole picture; leave it out, or use `emboss render`")]
@@ -250,6 +260,7 @@ impl CliError {
         match self {
             CliError::DepthWithoutPng(_)
             | CliError::DeviceWithCpu
+            | CliError::NormalMapOfNothing(_)
             | CliError::StatsOverPicture(_)
             | CliError::StatsOfView
             | CliError::Script(_)
@@ -474,6 +485,12 @@ impl RenderArgs {
         let mut settings = self.settings(scene_file.as_ref());
         let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
         check_memory(&settings)?;
+        if let Some(path) = &self.normal_map {
+            if settings.method != Method::NormalMap {
+                return Err(CliError::NormalMapOfNothing(settings.method));
+            }
+            settings.normal_map = Some(NormalMap::load(path, self.normal_space.unwrap_or_default())?);
+        }
         let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
         Ok((settings, inputs, samples))
     }
@@ -500,6 +517,8 @@ impl RenderArgs {
             width,
             height,
             method: self.method.unwrap_or(base.method),
+            // Read later, since that may fail.
+            normal_map: None,
             displacement: self.displacement.unwrap_or(base.displacement),
             adaptive: base.adaptive,
             normals: self.normals.unwrap_or(base.normals),

@@ -10,6 +10,7 @@ pub mod framing;
 pub mod height_levels;
 pub mod heights;
 pub mod instances;
+pub mod normal_maps;
 pub mod picture;
 pub mod render;
 pub mod scene;

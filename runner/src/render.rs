@@ -8,6 +8,7 @@ use crate::framing::{self, Framing, FramingError, View};
 use crate::height_levels::texel_scales;
 use crate::heights::{self, Heights, Reading};
 use crate::instances::{self, Part};
+use crate::normal_maps;
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
@@ -286,10 +287,10 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     }
     check_stored(settings, &instances)?;
     check_texels(&reliefs)?;
-    let tangents = match settings.displacement {
-        DisplacementKind::Tangent => mesh.split_by_tangents(),
-        DisplacementKind::Height | DisplacementKind::Object => Vec::new(),
-    };
+    let normal_texels = normal_maps::pack(settings, &mesh, &reliefs)?;
+    let along_tangents =
+        settings.displacement == DisplacementKind::Tangent || normal_maps::needs_tangents(settings);
+    let tangents = if along_tangents { mesh.split_by_tangents() } else { Vec::new() };
     let seams = match settings.weld {
         Weld::On if !method.is_image_space() => SeamTable::find(&mut mesh, settings.displacement),
         Weld::On | Weld::Off => SeamTable::default(),
@@ -347,6 +348,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         seam_sides: seams.sides,
         color_texels: colors.texels,
         materials: colors.materials,
+        normal_texels,
         instances,
         ..SceneBuffers::default()
     };

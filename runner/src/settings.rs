@@ -1,6 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
+use crate::normal_maps::NormalMap;
 use crate::render::Scene;
 use clap::ValueEnum;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
@@ -24,6 +25,10 @@ pub enum Method {
     Inverse,
     /// Bump mapping (Blinn 1978): normals of the relief. Outlines stay those of the base mesh, as with all that follow
     Bump,
+    /// Blinn's other form of it: a map of slopes between texels
+    BumpOffset,
+    /// Normal mapping (Cohen 1998): --normal-map, else one made from the height map
+    NormalMap,
     /// Parallax mapping (Kaneko 2001): moves the maps by the height over a hit
     Parallax,
     /// Parallax mapping with offset limiting (Welsh 2004)
@@ -52,6 +57,8 @@ impl Method {
             Method::BruteForce => method::BRUTE_FORCE,
             Method::Inverse => method::INVERSE,
             Method::Bump => method::BUMP,
+            Method::BumpOffset => method::BUMP_OFFSET,
+            Method::NormalMap => method::NORMAL_MAP,
             Method::Parallax => method::PARALLAX,
             Method::ParallaxLimited => method::PARALLAX_LIMITED,
             Method::Steep => method::STEEP,
@@ -76,7 +83,7 @@ impl Method {
 
     /// Whether something is stored for it that other methods do without, so that a scene is loaded for it alone.
     pub fn has_own_store(self) -> bool {
-        matches!(self, Method::Tessellate | Method::Sphere)
+        matches!(self, Method::Tessellate | Method::Sphere) || self.has_own_map()
     }
 
     /// Whether it intersects what is stored for one view and one place of each triangle.
@@ -94,7 +101,12 @@ impl Method {
             Method::Pyramid => Some("visits for each level of the pyramid"),
             Method::Sphere => Some("most steps of a ray"),
             Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
-            Method::Bump | Method::Parallax | Method::ParallaxLimited | Method::None => None,
+            Method::Bump
+            | Method::BumpOffset
+            | Method::NormalMap
+            | Method::Parallax
+            | Method::ParallaxLimited
+            | Method::None => None,
         }
     }
 
@@ -111,6 +123,11 @@ impl Method {
     /// Whether the relief can be seen in the model's outline.
     pub fn changes_silhouette(self) -> bool {
         !method::traces_base_mesh(self.id())
+    }
+
+    /// Whether it reads a map of its own beside the height map.
+    pub fn has_own_map(self) -> bool {
+        method::has_own_map(self.id())
     }
 
     /// Whether it takes vector displacement, and an N that follows the camera.
@@ -439,6 +456,8 @@ pub struct Settings {
     pub height: u32,
     /// How displaced triangles are intersected.
     pub method: Method,
+    /// What [`Method::NormalMap`] reads. `None`: what is made from the height maps.
+    pub normal_map: Option<NormalMap>,
     /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis each
     /// (tangent, bitangent, normal; x, y, z), and triangles name the first.
     ///
@@ -492,6 +511,7 @@ impl Default for Settings {
             width: 960,
             height: 720,
             method: Method::Quadtree,
+            normal_map: None,
             displacement: DisplacementKind::Height,
             adaptive: None,
             normals: Normals::Normalized,

@@ -785,7 +785,7 @@ fn a_vector_map_of_one_channel_is_refused() {
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 26] = [
+    let cases: [(&[&str], &str); 30] = [
         (&["-", "-", "-", "-", "-", "0"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -810,6 +810,10 @@ fn impossible_options_are_usage_errors() {
         (&["builtin:mushroom", "--method=grid-walk"], "use --method quadtree"),
         (&["-", "-", "-", "-", "-", "auto:0"], "auto:PIXELS with 0.1 to 64 pixels"),
         (&["-", "-", "-", "-", "-", "auto", "--method=grid-walk"], "use --method quadtree"),
+        (&["-", "-", "-", "-", "-", "auto", "--method=steep"], "use --method quadtree"),
+        (&["builtin:mushroom", "--method=relief"], "use --method quadtree"),
+        (&["--method=bump", "--normal-map=n.png"], "--normal-map is read by --method normal-map alone"),
+        (&["--method=normal-map", "--normal-space=world"], "--normal-map"),
         (&["--depth=16", "--output=a.exr"], "leave --depth out"),
         (&["--output=a.jpg"], ".png or .exr"),
     ];

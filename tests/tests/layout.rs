@@ -151,7 +151,7 @@ fn shifted(mut numbers: Vec<Number>, by: usize) -> Vec<Number> {
 }
 
 /// What the host binds, by the constants of the interface.
-fn host_buffers() -> [(u32, Layout); (binding::COUNT - 1) as usize] {
+fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
     [
         (binding::FRAME, Frame::one()),
         (binding::VERTICES, Vertex::many()),
@@ -195,6 +195,7 @@ fn host_buffers() -> [(u32, Layout); (binding::COUNT - 1) as usize] {
         (binding::TANGENTS, Tangent::many()),
         (binding::TEXEL_SCALES, TexelScale::many()),
         (binding::INSTANCES, Instance::many()),
+        (binding::NORMAL_TEXELS, u32::many()),
         (binding::MICRO_VERTICES, f32::many()),
         (binding::DISTANCES, f32::many()),
     ]

@@ -14,8 +14,10 @@ use glam::{DAffine3, DVec2, DVec3, Vec3};
 use std::f64::consts::TAU;
 
 /// All of them.
-const METHODS: [Method; 6] = [
+const METHODS: [Method; 8] = [
     Method::Bump,
+    Method::BumpOffset,
+    Method::NormalMap,
     Method::Parallax,
     Method::ParallaxLimited,
     Method::Steep,
@@ -258,5 +260,31 @@ fn vectors_and_adaptive_n_are_refused() {
         let vectors = Settings { method, displacement: DisplacementKind::Object, ..Settings::default() };
         let refused = prepare(waves(), &vectors).expect_err("heights are asked for");
         assert!(matches!(refused, RenderError::MethodOfVectors { .. }), "{refused}");
+    }
+}
+
+/// What the maps that are made from heights say of them: as these are between two texels, on a surface of one size of texels.
+#[test]
+fn maps_made_from_heights_lean_as_these_do() {
+    let rays = steep_rays(300);
+    let k = 4.0 * TAU;
+    // Height of the waves in one direction.
+    let amplitude = 0.25 * f64::from(HEIGHT);
+    for (method, exaggeration) in
+        [(Method::BumpOffset, 1.0), (Method::NormalMap, 1.0), (Method::NormalMap, -2.5)]
+    {
+        let mut scene = waves();
+        scene.reliefs[0].scale *= exaggeration;
+        for (ray, hit) in rays.iter().zip(hits(scene, method, &rays)) {
+            let slope = |x: f32| f64::from(exaggeration) * amplitude * k * (k * f64::from(x)).cos();
+            let normal = DVec3::new(-slope(hit.u), -slope(hit.v), 1.0).normalize();
+            // Differences over two texels miss a slope by (k / 1024)² / 6 of it, lines between them by 1/8 of that square, and
+            // 16 bits by 2^-15.
+            let bound = (0.3 * (k / f64::from(SIDE)).powi(2) + 3e-5) * f64::from(exaggeration.abs()) + 1e-6;
+            assert!(
+                normal.distance(hit.normal.as_dvec3()) < 2.0 * bound,
+                "{method} {ray:?}: {hit:?} {normal}"
+            );
+        }
     }
 }

@@ -1,7 +1,7 @@
-//! A pipeline holds the code that its scene needs and no other: a committed module, specialised as a driver does it,
-//! once with a feature and once without. `spirv-opt` stands in for the driver: it folds the constants and takes
-//! out what cannot be reached.
+//! A pipeline holds the code that its scene needs and no other: a committed module, specialised, once with a feature and
+//! once without.
 
+use emboss::backend::vulkan::specialize::specialize;
 use emboss_kernels::interface::{
     binding, color_format, displacement_kind, filter, height_format, method, normals, shade, wrap,
 };
@@ -9,8 +9,6 @@ use emboss_kernels::scene::Features;
 use rspirv::dr::Operand;
 use rspirv::spirv::{Decoration, Word};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
-use std::process::Command;
 use xtask::{module, module_path, workspace};
 
 /// Lit, with all that a picture can have.
@@ -40,38 +38,13 @@ struct Code {
     bindings: BTreeSet<u32>,
 }
 
-/// The committed module of an entry point.
-fn committed(entry_point: &str) -> PathBuf {
-    workspace().join(module_path(entry_point))
-}
-
-/// The code of an entry point, specialised.
+/// The code of an entry point, which has all it calls inlined, specialised.
 fn specialized(entry_point: &str, features: Features) -> Code {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("specialized.spv");
-    let constants: Vec<String> =
-        features.to_array().iter().enumerate().map(|(id, value)| format!("{id}:{value}")).collect();
-    let passes = [
-        "--freeze-spec-const",
-        "--fold-spec-const-op-composite",
-        "--ccp",
-        "--eliminate-dead-branches",
-        "--eliminate-dead-code-aggressive",
-    ];
-    let mut command = Command::new("spirv-opt");
-    command.arg(format!("--set-spec-const-default-value={}", constants.join(" "))).args(passes);
-    let ran = command.arg(committed(entry_point)).arg("-o").arg(&output).output();
-    let ran = ran.expect("this test needs spirv-opt, which `cargo xtask test packages` installs");
-    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    code(&output)
-}
-
-/// The code of a module's entry point, which has all it calls inlined.
-fn code(path: &Path) -> Code {
-    let module = module::parse(&std::fs::read(path).unwrap()).unwrap();
-    let entry = &module.entry_points[0];
-    let is_entry = |id: Option<Word>| id == Some(entry.operands[1].unwrap_id_ref());
-    let function = module.functions.iter().find(|function| is_entry(function.def_id())).unwrap();
+    let committed = std::fs::read(workspace().join(module_path(entry_point))).unwrap();
+    let words: Vec<u32> =
+        committed.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect();
+    let module = rspirv::dr::load_words(specialize(&words, &features.to_array()).unwrap()).unwrap();
+    let function = &module.functions[0];
     let read: BTreeSet<Word> = function
         .all_inst_iter()
         .flat_map(|instruction| &instruction.operands)
@@ -180,7 +153,9 @@ fn other_methods_stores_are_not_read() {
     assert_unread(&tessellate, &quadtree, &[binding::MICRO_VERTICES]);
     assert_unread(&sphere, &quadtree, &[binding::DISTANCES]);
     assert_unread(&quadtree, &inverse, &[binding::HEIGHT_RANGES]);
-    for (name, code) in [("tessellate", &tessellate), ("sphere", &sphere), ("inverse", &inverse), ("pyramid", &pyramid)] {
+    for (name, code) in
+        [("tessellate", &tessellate), ("sphere", &sphere), ("inverse", &inverse), ("pyramid", &pyramid)]
+    {
         println!("{name}: {} instructions of {}", code.instructions, quadtree.instructions);
     }
 }

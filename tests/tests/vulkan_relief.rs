@@ -12,6 +12,8 @@ fn methods_in_image_space_are_alike() {
     let (scene, settings) = builtin_scene("builtin:cube", 12, 64, 48);
     for method in [
         Method::Bump,
+        Method::BumpOffset,
+        Method::NormalMap,
         Method::Parallax,
         Method::ParallaxLimited,
         Method::Steep,

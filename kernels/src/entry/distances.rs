@@ -34,6 +34,7 @@ pub fn distance_columns(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &mut [f32],
 ) {
@@ -56,6 +57,7 @@ pub fn distance_columns(
             color_texels,
             materials,
             lights,
+            normal_texels,
             instances,
             micro_vertices,
             distances: &*distances,

@@ -35,6 +35,7 @@ pub fn tessellate(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &mut [f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
@@ -64,6 +65,7 @@ pub fn tessellate(
             color_texels,
             materials,
             lights,
+            normal_texels,
             instances,
             micro_vertices: &*micro_vertices,
             distances,

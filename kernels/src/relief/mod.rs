@@ -11,8 +11,11 @@
 
 pub mod binary;
 pub mod bump;
+pub mod bump_offset;
 pub mod distance_map;
 pub mod layers;
+pub mod normal_map;
+pub mod normal_texels;
 pub mod occlusion;
 pub mod parallax;
 pub mod pyramid;
@@ -24,12 +27,13 @@ pub(crate) mod test_ramp;
 
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
-use crate::interface::method;
+use crate::interface::{method, normal_space};
 use crate::math::at;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::shading::SurfaceInteraction;
 use glam::{Vec2, Vec3};
+use normal_texels::NormalTexels;
 use tangent_space::{TangentRay, TangentSpace};
 
 /// What a method shows of the relief where a ray meets a base triangle, in the space of its mesh. `flat` is the base triangle
@@ -58,13 +62,24 @@ pub fn surface(
         offset = parallax::limited_offset(&space, &tangent_ray, direction.length());
     }
     let uv = tangent_ray.uv(offset);
-    SurfaceInteraction {
-        uv,
-        ns: space.normal(space.slopes(uv), flat.ns),
-        height: space.height(uv),
-        offset,
-        ..flat
+    let mut ns = flat.ns;
+    if features.method == method::NORMAL_MAP {
+        let map = NormalTexels::load(scene.normal_texels, base.displacement);
+        ns = normal_map::normal(&space, &map, w, uv, ns);
+        if map.space == normal_space::WORLD && features.instances != 0 {
+            // It goes back from there with the rest.
+            ns = at(scene.instances, hit.instance).object_normal(ns);
+        }
+    } else {
+        let slopes = if features.method == method::BUMP_OFFSET {
+            let map = NormalTexels::load(scene.normal_texels, base.displacement);
+            bump_offset::slopes(&space, &map, uv)
+        } else {
+            space.slopes(uv)
+        };
+        ns = space.normal(slopes, ns);
     }
+    SurfaceInteraction { uv, ns, height: space.height(uv), offset, ..flat }
 }
 
 /// How far behind its hit on the base triangle a ray meets the relief, by a search; negative where it does before, at

@@ -87,9 +87,35 @@ impl<'a> TangentSpace<'a> {
     /// The growth of heights along the triangle's first and its second side, from end to end.
     #[inline]
     pub fn slopes(&self, uv: Vec2) -> Vec2 {
-        let gradient = self.field.height_gradient(&self.base.map, uv, self.pixel);
+        self.along_sides(self.field.height_gradient(&self.base.map, uv, self.pixel))
+    }
+
+    /// What grows by `gradient` for a unit of u and of v does along the triangle's first and its second side.
+    #[inline]
+    pub fn along_sides(&self, gradient: Vec2) -> Vec2 {
         let base = &self.base;
         Vec2::new(gradient.dot(base.t1 - base.t0), gradient.dot(base.t2 - base.t0))
+    }
+
+    /// Height of a texel step from 0 to 1.
+    #[inline]
+    pub fn scale(&self) -> f32 {
+        self.base.map.scale
+    }
+
+    /// Interpolated tangent and bitangent at barycentric coordinates `w`, not normalised.
+    #[inline]
+    pub fn tangents(&self, w: Vec3) -> (Vec3, Vec3) {
+        let [a, b, c] = self.base.vertices;
+        let (a, b, c) = (self.field.tangent(a), self.field.tangent(b), self.field.tangent(c));
+        let base = &self.base;
+        let bitangents = (
+            cross(base.n0, a.direction) * a.sign,
+            cross(base.n1, b.direction) * b.sign,
+            cross(base.n2, c.direction) * c.sign,
+        );
+        let tangent = interpolate(w, a.direction, b.direction, c.direction);
+        (tangent, interpolate(w, bitangents.0, bitangents.1, bitangents.2))
     }
 
     /// Least and greatest height of the map.

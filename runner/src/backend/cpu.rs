@@ -140,6 +140,8 @@ impl Backend for CpuBackend {
             method::INVERSE => pass.run::<{ method::INVERSE }>(film, progress),
             method::PYRAMID => pass.run::<{ method::PYRAMID }>(film, progress),
             method::BUMP => pass.run::<{ method::BUMP }>(film, progress),
+            method::BUMP_OFFSET => pass.run::<{ method::BUMP_OFFSET }>(film, progress),
+            method::NORMAL_MAP => pass.run::<{ method::NORMAL_MAP }>(film, progress),
             method::PARALLAX => pass.run::<{ method::PARALLAX }>(film, progress),
             method::PARALLAX_LIMITED => pass.run::<{ method::PARALLAX_LIMITED }>(film, progress),
             method::SPHERE => pass.run::<{ method::SPHERE }>(film, progress),

@@ -97,6 +97,7 @@ impl HostScene {
             color_texels: &self.buffers.color_texels,
             materials: &self.buffers.materials,
             lights: &self.buffers.lights,
+            normal_texels: &self.buffers.normal_texels,
             instances: &self.buffers.instances,
             micro_vertices: &self.micro_vertices,
             distances: &self.distances,
@@ -314,6 +315,7 @@ fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
         color_texels: copied("the colour maps", &scene.color_texels)?,
         materials: copied("the materials", &scene.materials)?,
         lights: copied("lights", &scene.lights)?,
+        normal_texels: copied("the normal maps", &scene.normal_texels)?,
         instances: copied("the instances", &scene.instances)?,
     })
 }

@@ -15,9 +15,10 @@ use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{
     Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
     PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
-    displacement_kind, filter, height_format, method, wrap,
+    displacement_kind, filter, height_format, method, normal_space, wrap,
 };
 use emboss_kernels::relief::distance_map::WORDS;
+use emboss_kernels::relief::normal_texels::HEADER_WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::ops::ControlFlow;
@@ -50,6 +51,9 @@ pub struct SceneBuffers {
     pub materials: Vec<Material>,
     /// Lights.
     pub lights: Vec<PointLight>,
+    /// Maps of normals or of offsets, where the method reads them: see
+    /// [`normal_texels`](emboss_kernels::relief::normal_texels).
+    pub normal_texels: Vec<u32>,
     /// Where meshes stand; none where each triangle stands once, as it is. See [`instances`].
     pub instances: Vec<Instance>,
 }
@@ -59,6 +63,30 @@ impl SceneBuffers {
     pub fn pyramid_words(&self) -> u64 {
         let words = |map: &Displacement| pyramid_words(map.format, map.map_width, map.map_height);
         heights::pyramids(&self.displacements).map(|(_, map)| u64::from(words(map))).sum()
+    }
+
+    /// Whether there is a whole map of normals or of offsets for each displacement.
+    fn own_map_is_sound(&self) -> bool {
+        let words = self.normal_texels.len() as u64;
+        let headers = self.normal_texels.chunks_exact(HEADER_WORDS as usize).take(self.displacements.len());
+        let is_sound = |header: &[u32]| {
+            let [first, width, height, wrap] = [header[0], header[1], header[2], header[3]].map(u64::from);
+            width > 0
+                && height > 0
+                && wrap < u64::from(wrap::PER_MAP)
+                && width
+                    .checked_mul(height)
+                    .and_then(|texels| texels.checked_mul(2)?.checked_add(first))
+                    .is_some_and(|end| end <= words.min(u32::MAX.into()))
+        };
+        headers.len() == self.displacements.len() && headers.into_iter().all(is_sound)
+    }
+
+    /// Whether the tangents of vertices are read with them.
+    fn normals_are_along_tangents(&self) -> bool {
+        let mut headers =
+            self.normal_texels.chunks_exact(HEADER_WORDS as usize).take(self.displacements.len());
+        headers.any(|header| header[HEADER_WORDS as usize - 1] == normal_space::TANGENT)
     }
 
     /// Checks every index that kernels follow without looking: a device build reads beyond a buffer without a word.
@@ -143,8 +171,10 @@ impl SceneBuffers {
             }
         };
         let names_a_map = |triangle: &Triangle| is_a_map(triangle.displacement);
-        let has_tangents =
-            features.displacement != displacement_kind::TANGENT || self.tangents.len() >= self.vertices.len();
+        let own_map_is_sound = || self.own_map_is_sound();
+        let along_tangents = features.displacement == displacement_kind::TANGENT
+            || features.method == method::NORMAL_MAP && self.normals_are_along_tangents();
+        let has_tangents = !along_tangents || self.tangents.len() >= self.vertices.len();
         let has_texel_scales = !filtered
             || self.texel_scales.len() >= self.vertices.len()
                 && self.texel_scales.iter().all(|scale| scale.size.is_finite() && scale.span >= 1.0);
@@ -206,6 +236,8 @@ impl SceneBuffers {
             "a seam's side names a vertex that is not there"
         } else if vectors && !method::takes_vectors(features.method) {
             METHOD_OF_VECTORS
+        } else if traced && method::has_own_map(features.method) && !own_map_is_sound() {
+            "a map of normals or of offsets has fewer texels than its size says"
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if traced && !has_texel_scales {
@@ -270,10 +302,12 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     // meet, and methods in image space have no seams.
     let lacks_levels =
         loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
+    let lacks_map = method::has_own_map(method) && method != loaded.method;
     let other_boxes = method::is_image_space(loaded.method) != method::is_image_space(method);
     // Micro-triangles with their tree, or distance maps, are there or not.
     let lacks_store = is_stored(loaded) != is_stored(new) || has_distances(loaded) != has_distances(new);
     let what = if lacks_levels
+        || lacks_map
         || other_boxes
         || lacks_store
         || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new
@@ -592,6 +626,7 @@ mod tests {
             height_texels: vec![0; 3],
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
+            normal_texels: vec![],
             instances: vec![],
         };
         let frame = Frame { subdivisions: 1, triangle_count: 1, light_count: 1, ..Frame::default() };
@@ -602,6 +637,32 @@ mod tests {
             ..Features::default()
         };
         (scene, frame, features)
+    }
+
+    /// A map of their own is whole, and one in tangent space has the tangents that it is along. Going over to such a method,
+    /// or between boxes of the base mesh and of what it is displaced to, takes another scene.
+    #[test]
+    fn methods_have_the_maps_that_they_read() {
+        let (mut scene, frame, features) = sound();
+        scene.height_texels = vec![0; 9];
+        let by = |method| Features { method, ..features };
+        let refused = |scene: &SceneBuffers, method| {
+            let error = scene.check(&frame, by(method)).expect_err("something is missing");
+            error.to_string()
+        };
+        assert!(refused(&scene, method::NORMAL_MAP).contains("a map of normals"));
+        scene.normal_texels = vec![6, 2, 1, 0, 0, normal_space::WORLD, 0, 0, 0];
+        assert!(refused(&scene, method::BUMP_OFFSET).contains("fewer texels"));
+        scene.normal_texels.push(0);
+        assert!(!refused(&scene, method::NORMAL_MAP).contains("normals"));
+        scene.normal_texels[5] = normal_space::TANGENT;
+        assert!(refused(&scene, method::NORMAL_MAP).contains("tangents"));
+        assert!(!refused(&scene, method::BUMP_OFFSET).contains("tangents"));
+
+        let goes = |from, to| check_features(by(from), by(to)).is_ok();
+        assert!(goes(method::STEEP, method::BUMP) && goes(method::NORMAL_MAP, method::BUMP));
+        assert!(!goes(method::BUMP, method::NORMAL_MAP) && !goes(method::BUMP_OFFSET, method::NORMAL_MAP));
+        assert!(!goes(method::QUADTREE, method::STEEP) && !goes(method::STEEP, method::NONE));
     }
 
     /// Three maps of a size for each that is named, and a tangent for each vertex.

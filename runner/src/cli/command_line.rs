@@ -27,6 +27,8 @@ impl RenderArgs {
             size,
             samples,
             method,
+            normal_map,
+            normal_space,
             normals,
             weld,
             shade,
@@ -69,6 +71,10 @@ impl RenderArgs {
         line.option("--size", size.map(|(width, height)| format!("{width}x{height}")));
         line.option("--samples", Some(samples.unwrap_or(SAMPLES)));
         line.choice("--method", *method);
+        if let Some(path) = normal_map {
+            line.path("--normal-map", path);
+        }
+        line.choice("--normal-space", *normal_space);
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
         line.choice("--shade", *shade);
@@ -225,7 +231,7 @@ mod tests {
     #[test]
     fn command_line_is_what_it_was_parsed_from() {
         let given = "emboss render it's.obj none - 0.1 -0.3 7 --output a.png --depth 16 --size 3x5 --samples 2 \
-             --method grid-walk --normals linear --weld off --shade normal --smooth=off --backend cpu \
+             --method grid-walk --normal-map n.png --normal-space world --normals linear --weld off --shade normal --smooth=off --backend cpu \
              --device=4090 --eye=-1,0.33333334,3e-9 --target=1,2,3 --up=0,0,-1 --fov 20.5 \
              --light=-1,2,3:1,0.5,0:7 --light=1,2,3:1,1,1 --shadows off --exaggerate=-1.5 --displacement height \
              --channels=-r+b+g --wrap mirror --filter trilinear --invert --seed 9 --background=0,1,0 \

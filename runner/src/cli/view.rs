@@ -2,7 +2,7 @@
 
 use super::values::OrDefault;
 use super::{CliError, RenderArgs};
-use crate::settings::Light;
+use crate::settings::{Light, Method};
 use crate::view::{Loaded, Options, Pose, Script, Shot, Source, run};
 use std::error::Error;
 use std::path::PathBuf;
@@ -58,7 +58,8 @@ impl Source for Files {
     fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>> {
         let zero = zero.map(OrDefault::Given).or(self.args.zero);
         let (settings, inputs, _) = RenderArgs { zero, ..self.args.clone() }.read()?;
-        let (scale, zero, files) = (inputs.scale, inputs.zero, inputs.files);
+        let (scale, zero, mut files) = (inputs.scale, inputs.zero, inputs.files);
+        files.extend(self.args.normal_map.clone());
         Ok(Loaded { scene: inputs.scene, settings, scale, zero, files })
     }
 
@@ -88,6 +89,9 @@ fn tuned(args: &RenderArgs, shot: &Shot<'_>) -> RenderArgs {
     args.zero = tuning.zero.map(given).or(args.zero);
     args.subdivisions = tuning.subdivisions.map(OrDefault::Given).or(args.subdivisions);
     args.method = tuning.method.or(args.method);
+    if args.method.is_some_and(|method| method != Method::NormalMap) {
+        (args.normal_map, args.normal_space) = (None, None);
+    }
     args.shade = tuning.shade.or(args.shade);
     args.smooth = tuning.smooth.or(args.smooth);
     if tuning.shadows.is_some() {

@@ -29,7 +29,7 @@ mod programs;
 mod resident;
 mod scan;
 mod sort;
-mod specialize;
+pub mod specialize;
 mod surface;
 mod swapchain;
 mod tiles;

@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 21;
+pub(super) const MOST_BINDINGS: u32 = 22;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -34,6 +34,7 @@ macro_rules! scene_and {
             TANGENTS,
             TEXEL_SCALES,
             INSTANCES,
+            NORMAL_TEXELS,
             MICRO_VERTICES,
             DISTANCES,
             $($more),*
@@ -233,7 +234,13 @@ impl Kernel {
         if self.spec_constants().is_empty() {
             return Ok(words);
         }
-        specialize(&words, &features.to_array()).map_err(|error| error.to_string())
+        let left = specialize(&words, &features.to_array()).map_err(|error| error.to_string())?;
+        let (name, bytes) = (self.entry_point(), size_of::<u32>() * left.len());
+        tracing::debug!(
+            "{name}: {bytes} of {} bytes of SPIR-V are left for these features",
+            self.module().len()
+        );
+        Ok(left)
     }
 
     /// Ids of the specialisation constants that it has.

@@ -32,11 +32,11 @@ const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
-/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`], [`binding::MICRO_VERTICES`] and
-/// [`binding::DISTANCES`], which live as long as the scene.
+/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`], [`binding::NORMAL_TEXELS`],
+/// [`binding::MICRO_VERTICES`] and [`binding::DISTANCES`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last eight: the boxes, the materials, the tangents, the texels' sizes, the instances, the
-    /// micro-vertices, the distance maps and the boxes of micro-triangles.
+    /// By binding, but for the last nine: the boxes, the materials, the tangents, the texels' sizes, the instances, the
+    /// normal maps, the micro-vertices, the distance maps and the boxes of micro-triangles.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -55,14 +55,15 @@ fn place_of(binding: u32) -> usize {
         binding::TANGENTS => binding::COUNTERS as usize + 3,
         binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
         binding::INSTANCES => binding::COUNTERS as usize + 5,
-        binding::MICRO_VERTICES => binding::COUNTERS as usize + 6,
-        binding::DISTANCES => binding::COUNTERS as usize + 7,
+        binding::NORMAL_TEXELS => binding::COUNTERS as usize + 6,
+        binding::MICRO_VERTICES => binding::COUNTERS as usize + 7,
+        binding::DISTANCES => binding::COUNTERS as usize + 8,
         _ => binding as usize,
     }
 }
 
 /// Where the boxes of micro-triangles stand there.
-const MICRO_BOXES: usize = binding::COUNTERS as usize + 8;
+const MICRO_BOXES: usize = binding::COUNTERS as usize + 9;
 
 /// What one of the buffers holds at first.
 struct Content<'a> {
@@ -291,6 +292,7 @@ fn contents<'a>(
         uploaded("the tangents", SMALLER_MODEL, cast_slice(&scene.tangents)),
         uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
         uploaded("the instances", "use fewer instances, or --backend cpu", cast_slice(&scene.instances)),
+        uploaded("the normal maps", SMALLER_MAP, cast_slice(&scene.normal_texels)),
         zeros("the micro-vertices", SMALLER_TESSELLATION, micro_floats, size_of::<f32>()),
         zeros("the distance maps", "use fewer maps, or --method pyramid", distances, size_of::<f32>()),
         zeros("the micro-triangles' boxes", SMALLER_TESSELLATION, micro_boxes, size_of::<f32>()),

@@ -20,8 +20,10 @@ use rspirv::spirv::{Decoration, Op, Word};
 use std::collections::HashMap;
 
 /// The module with specialisation constant number `id` set to `values[id]`, and without the code that none of its
-/// invocations runs then.
-pub(super) fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, ParseState> {
+/// invocations runs then. Constants beyond `values` keep their defaults.
+///
+/// Fails where `words` is no SPIR-V module.
+pub fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, ParseState> {
     let mut module = load_words(words)?;
     freeze(&mut module, values);
     let mut constants = Constants::new(&module);
@@ -32,11 +34,6 @@ pub(super) fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, Pars
     constants.declare(&mut module);
     drop_names(&mut module);
     Ok(module.assemble())
-}
-
-/// How many instructions the functions of a module have: a measure of how much code it is, the same for every driver.
-pub(super) fn instruction_count(words: &[u32]) -> Result<usize, ParseState> {
-    Ok(load_words(words)?.all_inst_iter().count())
 }
 
 /// Makes constants of specialisation constants.
@@ -269,7 +266,7 @@ mod tests {
         let placed = Features { instances: 1, ..features };
         assert!(bindings(&specialized(RENDER, placed)).contains(&binding::INSTANCES));
         let count = |features| specialized(RENDER, features).all_inst_iter().count();
-        let whole = instruction_count(&words(RENDER)).unwrap();
+        let whole = load_words(words(RENDER)).unwrap().all_inst_iter().count();
         let exact = count(Features { method: method::QUADTREE, shadows: 1, ..features });
         // What is left is a tenth; all code of one method with all features is a third.
         assert!(5 * exact < whole, "{exact} of {whole}");
