@@ -171,6 +171,7 @@ fn scene_with_every_buffer_loads() {
         height_texels: vec![0; 5 << 20],
         color_texels: vec![0; 1024],
         materials: vec![Material::default()],
+        normal_texels: vec![],
         instances: vec![],
         lights: vec![PointLight::default()],
         tangents: vec![Tangent::default(); 3],

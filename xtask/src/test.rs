@@ -190,7 +190,6 @@ const PACKAGES: &[Package] = &[
     Package { name: "mesa-vulkan-drivers", is_there: || lavapipe().is_some() },
     Package { name: "libvulkan1", is_there: || has_library("libvulkan.so.1") },
     Package { name: "vulkan-validationlayers", is_there: has_validation_layer },
-    Package { name: "spirv-tools", is_there: has_spirv_opt },
     Package { name: "xvfb", is_there: || has_program("Xvfb") },
     Package { name: "xdotool", is_there: || has_program("xdotool") },
     // What a window loads when it opens.
@@ -208,7 +207,7 @@ fn install_packages() -> Result<String> {
     let names = missing.join(" ");
     ensure!(
         has_apt(),
-        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, SPIRV-Tools, a display for the viewer); install it"
+        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, a display for the viewer); install it"
     );
     ensure!(is_root()?, "missing: {names}; run `sudo apt-get install {names}`");
     run_command(Command::new("apt-get").args(["update", "-qq"]))?;
@@ -248,11 +247,6 @@ fn has_library(name: &str) -> bool {
 pub(crate) fn has_program(name: &str) -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&folders).any(|folder| folder.join(name).is_file())
-}
-
-/// Whether SPIR-V can be specialised as a driver does it.
-fn has_spirv_opt() -> bool {
-    Command::new("spirv-opt").arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
 /// Whether the Khronos validation layer is registered.
