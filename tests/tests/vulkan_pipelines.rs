@@ -180,7 +180,9 @@ fn other_methods_stores_are_not_read() {
     assert_unread(&tessellate, &quadtree, &[binding::MICRO_VERTICES]);
     assert_unread(&sphere, &quadtree, &[binding::DISTANCES]);
     assert_unread(&quadtree, &inverse, &[binding::HEIGHT_RANGES]);
-    for (name, code) in [("tessellate", &tessellate), ("sphere", &sphere), ("inverse", &inverse), ("pyramid", &pyramid)] {
+    for (name, code) in
+        [("tessellate", &tessellate), ("sphere", &sphere), ("inverse", &inverse), ("pyramid", &pyramid)]
+    {
         println!("{name}: {} instructions of {}", code.instructions, quadtree.instructions);
     }
 }
