@@ -240,7 +240,6 @@ fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
 fn inverse_misses_less_with_the_square_of_n() {
     let rays = rays_to_waves(20_000);
     let shares = [8, 16, 32].map(|n| share_wrong(Method::Inverse, n, &rays));
-    println!("inverse, N = 8, 16, 32: {shares:?}");
     for pair in shares.windows(2) {
         // 4, less what chance makes of some dozens.
         assert!(pair[0] > 2.5 * pair[1], "{shares:?}");
@@ -254,7 +253,6 @@ fn inverse_misses_less_with_the_square_of_n() {
 fn pyramid_finds_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
     let shares = [2, 4, 8, 16].map(|n| share_wrong(Method::Pyramid, n, &rays));
-    println!("pyramid, N = 2, 4, 8, 16: {shares:?}");
     assert!(shares.is_sorted_by(|a, b| a >= b) && shares[0] > 0.1, "{shares:?}");
     // A ray that grazes a crest by less than rounding may pass it.
     assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
@@ -266,7 +264,6 @@ fn pyramid_finds_each_first_crossing_once_n_is_enough() {
 fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
     let shares = [32, 128, 512].map(|n| share_far(Method::Sphere, n, &rays, 1e-3));
-    println!("sphere, N = 32, 128, 512: {shares:?}");
     assert!(shares[0] > 0.2 && shares[0] > 4.0 * shares[1], "{shares:?}");
     assert!(shares[2] < 0.002, "{shares:?}");
 }
