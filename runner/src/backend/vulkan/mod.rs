@@ -29,6 +29,7 @@ mod programs;
 mod resident;
 mod scan;
 mod sort;
+mod specialize;
 mod surface;
 mod swapchain;
 mod tiles;

@@ -2,9 +2,9 @@
 
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
+use super::specialize::specialize;
 use crate::backend::BackendError;
 use ash::vk;
-use bytemuck::bytes_of;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tile, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CString;
@@ -225,6 +225,17 @@ impl Kernel {
         }
     }
 
+    /// Its module for those features: see [`specialize`].
+    fn specialized(self, features: Features) -> Result<Vec<u32>, String> {
+        // The bytes of a file have no alignment; words do.
+        let words =
+            ash::util::read_spv(&mut Cursor::new(self.module())).map_err(|error| error.to_string())?;
+        if self.spec_constants().is_empty() {
+            return Ok(words);
+        }
+        specialize(&words, &features.to_array()).map_err(|error| error.to_string())
+    }
+
     /// Ids of the specialisation constants that it has.
     fn spec_constants(self) -> &'static [u32] {
         use spec::*;
@@ -383,16 +394,12 @@ fn compile(
     features: Features,
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let device = layout.device();
-    let module = shader_module(device, kernel)?;
+    let module = shader_module(device, kernel, features)?;
     let name = CString::new(kernel.entry_point()).unwrap_or_default();
-    let constants = features.to_array();
-    let entries = specialization_entries(kernel);
-    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytes_of(&constants));
     let stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
-        .name(&name)
-        .specialization_info(&specialization);
+        .name(&name);
     let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage);
     // SAFETY: module and layout are of this device, and `info` lives through the call.
     let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
@@ -401,24 +408,19 @@ fn compile(
     Owned::new(device, "compiling a kernel", made)
 }
 
-fn shader_module(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::ShaderModule>, BackendError> {
-    // The bytes of a file have no alignment; words do.
-    let words = ash::util::read_spv(&mut Cursor::new(kernel.module())).map_err(|error| {
-        tracing::error!("the built-in kernel {} is damaged: {error}", kernel.entry_point());
+fn shader_module(
+    device: &Arc<Device>,
+    kernel: Kernel,
+    features: Features,
+) -> Result<Owned<vk::ShaderModule>, BackendError> {
+    let words = kernel.specialized(features).map_err(|reason| {
+        tracing::error!("the built-in kernel {} is damaged: {reason}", kernel.entry_point());
         BackendError::Vulkan { what: "reading the kernels", source: vk::Result::ERROR_INITIALIZATION_FAILED }
     })?;
     let info = vk::ShaderModuleCreateInfo::default().code(&words);
-    // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted.
+    // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted, specialised.
     let made = unsafe { device.raw().create_shader_module(&info, None) };
     Owned::new(device, "creating the shader module", made)
-}
-
-/// The kernel's constants. Constant `id` is word number `id` of the features. Vulkan would ignore other ids, but the
-/// validation layers specialise and validate a module anew where there is any.
-fn specialization_entries(kernel: Kernel) -> Vec<vk::SpecializationMapEntry> {
-    let size = size_of::<u32>();
-    let entry = |&id| vk::SpecializationMapEntry { constant_id: id, offset: id * small(size), size };
-    kernel.spec_constants().iter().map(entry).collect()
 }
 
 fn descriptor_pool(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::DescriptorPool>, BackendError> {
@@ -459,15 +461,6 @@ mod tests {
     fn no_kernel_binds_more_than_is_asked_of_a_device() {
         let most = Kernel::ALL.iter().map(|kernel| kernel.bindings().len()).max();
         assert_eq!(most, Some(MOST_BINDINGS as usize));
-    }
-
-    #[test]
-    fn constants_lie_at_the_words_of_their_ids() {
-        let entries = specialization_entries(Kernel::Render);
-        let features = Features { color_wrap: 7, ..Features::default() };
-        let entry = entries.iter().find(|entry| entry.constant_id == spec::COLOR_WRAP).unwrap();
-        let words = features.to_array();
-        assert_eq!(words[entry.offset as usize / 4], 7);
     }
 
     /// The numbers in a JSON array, or those that the keys of an object are.
