@@ -229,8 +229,8 @@ fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
     let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
     let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
-    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < far);
-    hits.iter().zip(rays).filter(is_wrong).count() as f64 / rays.len() as f64
+    let is_right = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| (f64::from(hit.t) - t).abs() < far;
+    (rays.len() - hits.iter().zip(rays).filter(is_right).count()) as f64 / rays.len() as f64
 }
 
 /// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
