@@ -6,6 +6,8 @@
 #![allow(missing_docs, reason = "the spirv macro drops doc comments of entry points' parameters")]
 
 pub mod bvh;
+pub mod distances;
+pub mod tessellate;
 
 use crate::bvh::radix_sort::{self, Pairs};
 use crate::bvh::scan;
@@ -63,6 +65,8 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -84,6 +88,8 @@ pub fn render(
         lights,
         normal_texels,
         instances,
+        micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -162,6 +168,8 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -184,6 +192,8 @@ pub fn trace_rays(
         lights,
         normal_texels,
         instances,
+        micro_vertices,
+        distances,
     };
     let features = Features {
         method,
@@ -250,6 +260,8 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -272,6 +284,8 @@ pub fn bound_heights(
             lights,
             normal_texels,
             instances,
+            micro_vertices,
+            distances,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -306,6 +320,8 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -328,6 +344,8 @@ pub fn decide_seams(
             lights,
             normal_texels,
             instances,
+            micro_vertices,
+            distances,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -340,6 +358,7 @@ pub fn prism_bounds(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 0, default = 3))] method: u32,
+    #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
@@ -363,12 +382,15 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
         let features = Features {
             method,
+            shade,
             height_format,
             height_wrap,
             normals,
@@ -395,6 +417,8 @@ pub fn prism_bounds(
             lights,
             normal_texels,
             instances,
+            micro_vertices,
+            distances,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

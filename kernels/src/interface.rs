@@ -96,8 +96,14 @@ pub mod binding {
     /// `[u32]`: maps of normals or of offsets, see [`normal_texels`](crate::relief::normal_texels); none unless the method
     /// reads them; read.
     pub const NORMAL_TEXELS: u32 = 41;
+    /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate); none unless
+    /// that is the method. Written by `tessellate`, read by the rest.
+    pub const MICRO_VERTICES: u32 = 42;
+    /// `[f32]`: a [distance map](crate::relief::distance_map) for each [`Displacement`](super::Displacement); none unless
+    /// [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read by the rest.
+    pub const DISTANCES: u32 = 43;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 42;
+    pub const COUNT: u32 = 44;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -147,9 +153,11 @@ pub mod method {
     pub const GRID_WALK: u32 = 2;
     /// Bounded descent through an implicit quadtree of sub-triangles: the exact method.
     pub const QUADTREE: u32 = 3;
-    /// Vertex displacement: the N² micro-triangles are stored, in a tree of their own.
+    /// Vertex displacement: the micro-triangles are stored, in a BVH of their own:
+    /// [`tessellate`](crate::displacement::tessellate). Exact.
     pub const TESSELLATE: u32 = 4;
-    /// Inverse displacement mapping (Patterson, Hoggar and Logie 1991): the ray is followed in texture space.
+    /// Inverse displacement mapping (Patterson, Hoggar and Logie 1991): the ray is followed through the prism:
+    /// [`inverse`](crate::displacement::inverse).
     pub const INVERSE: u32 = 5;
     /// Bump mapping (Blinn 1978): [`bump`](crate::relief::bump).
     pub const BUMP: u32 = 6;
@@ -167,9 +175,9 @@ pub mod method {
     pub const RELIEF: u32 = 12;
     /// Parallax occlusion mapping (Tatarchuk 2006): [`occlusion`](crate::relief::occlusion).
     pub const OCCLUSION: u32 = 13;
-    /// Pyramidal displacement mapping (Oh, Ki and Lee 2006).
+    /// Pyramidal displacement mapping (Oh, Ki and Lee 2006): [`pyramid`](crate::relief::pyramid).
     pub const PYRAMID: u32 = 14;
-    /// Sphere tracing by a distance map (Donnelly 2005).
+    /// Sphere tracing by a distance map (Donnelly 2005): [`sphere_trace`](crate::relief::sphere_trace).
     pub const SPHERE: u32 = 15;
 
     /// Whether a method traces the base triangles and works in texture space from where a ray meets them:
@@ -185,10 +193,10 @@ pub mod method {
         method == BUMP_OFFSET || method == NORMAL_MAP
     }
 
-    /// Whether a method looks for the relief layer by layer, and from there for lights.
+    /// Whether a method looks for the relief along the ray, and from there for lights.
     #[inline]
-    pub const fn has_layers(method: u32) -> bool {
-        method == STEEP || method == RELIEF || method == OCCLUSION
+    pub const fn searches_relief(method: u32) -> bool {
+        method >= STEEP && method <= SPHERE
     }
 
     /// Whether rays meet the base triangles themselves.
@@ -197,10 +205,29 @@ pub mod method {
         method == NONE || is_image_space(method)
     }
 
+    /// What the boxes of triangles hold for a method and a [`shade`](super::shade): 0 what is displaced (where nothing is to be,
+    /// the host's heights are 0), 1 the base triangles, 2 both.
+    #[inline]
+    pub const fn boxes(method: u32, shade: u32) -> u32 {
+        if shade == super::shade::ERROR && traces_base_mesh(method) {
+            2
+        } else if is_image_space(method) {
+            1
+        } else {
+            0
+        }
+    }
+
     /// Whether a method takes vector displacement, and an N that follows the camera.
     #[inline]
     pub const fn takes_any_scene(method: u32) -> bool {
         method == NONE || method == BRUTE_FORCE || method == QUADTREE
+    }
+
+    /// Whether a method takes vector displacement.
+    #[inline]
+    pub const fn takes_vectors(method: u32) -> bool {
+        takes_any_scene(method) || method == TESSELLATE
     }
 }
 
@@ -247,6 +274,9 @@ pub mod shade {
     pub const CELL: u32 = 4;
     /// Triangles that the primary ray was tested against, from blue (few) to red (many).
     pub const STEPS: u32 = 5;
+    /// By how much the luminance of [`LIT`] differs from that of the exact method, from blue (not at all) over green (1/8 of
+    /// full light) to red (1/4 and more).
+    pub const ERROR: u32 = 6;
 }
 
 /// Values of [`spec::HEIGHT_FORMAT`] and, but for the last one, of [`Displacement::format`].

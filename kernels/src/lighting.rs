@@ -107,7 +107,7 @@ impl DirectLighting {
             let source = at(scene.lights, self.next_light);
             light = source.position;
             let cosine = self.cosine(features, light - self.shown);
-            if method::has_layers(features.method) && features.shadows != 0 && cosine > 0.0 {
+            if method::searches_relief(features.method) && features.shadows != 0 && cosine > 0.0 {
                 let wi = unit(light - self.shown);
                 self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, wi);
             }

@@ -4,6 +4,7 @@ use crate::barycentric::interpolate;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
+use crate::film::Sample;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::lighting::DirectLighting;
@@ -56,8 +57,11 @@ impl SurfaceInteraction {
         let b = Vec3::new(1.0 - b1 - b2, b1, b2);
         let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
         let is_flat = method::traces_base_mesh(features.method);
+        let is_smooth = features.method == method::INVERSE;
         let (p, w) = if is_flat {
             ([base.p0, base.p1, base.p2], b)
+        } else if is_smooth {
+            (base.tangent_triangle(&field, b), b)
         } else {
             let cell = Cell::unpack(hit.cell);
             let corner = |e: u32| {
@@ -66,6 +70,8 @@ impl SurfaceInteraction {
             };
             (base.micro_triangle(&field, cell), interpolate(b, corner(0), corner(1), corner(2)))
         };
+        // A tangent triangle has its corner there.
+        let on_triangle = if is_smooth { Vec3::X } else { b };
         let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
         let area = cross(e1, e2);
         let n = unit(area);
@@ -78,11 +84,11 @@ impl SurfaceInteraction {
             base.shading_normal(&field, w, ng)
         };
         let uv = base.uv(w);
-        let parts = if is_flat { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
+        let parts = if is_flat || is_smooth { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
         let uv_area = (base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs();
         let mut surface = SurfaceInteraction {
-            point: interpolate(b, p[0], p[1], p[2]),
-            point_error: interpolate(b.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
+            point: interpolate(on_triangle, p[0], p[1], p[2]),
+            point_error: interpolate(on_triangle.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng,
             ns,
             uv,
@@ -248,6 +254,18 @@ fn cell_color(hit: Hit) -> Vec3 {
     Vec3::new(channel(bits.x), channel(bits.y), channel(bits.z))
 }
 
+/// Two samples' difference as [`shade::ERROR`] shows it: of luminances (Rec. 709), where nothing is hit black; transparent where
+/// neither hits.
+#[inline]
+pub fn error_shown(a: Sample, b: Sample) -> Sample {
+    let difference = dot(a.radiance - b.radiance, Vec3::new(0.2126, 0.7152, 0.0722)).abs();
+    let alpha = a.alpha.max(b.alpha);
+    Sample { radiance: heat(difference / RED_ERROR) * alpha, alpha }
+}
+
+/// The difference that is shown red: a quarter of full light.
+const RED_ERROR: f32 = 0.25;
+
 /// Blue at 0, green at a half, red at 1 and above.
 #[inline]
 fn heat(x: f32) -> Vec3 {
@@ -259,7 +277,6 @@ fn heat(x: f32) -> Vec3 {
 mod tests {
     use super::*;
     use crate::counters::Counts;
-    use crate::film::Sample;
     use crate::interface::{MISS, Material, Ray};
     use crate::render::{sample_pixel, trace_ray};
     use crate::test_scene::{FLAT, TestScene};

@@ -27,6 +27,8 @@ pub(crate) struct TestScene {
     pub(crate) lights: Vec<PointLight>,
     pub(crate) normal_texels: Vec<u32>,
     pub(crate) instances: Vec<Instance>,
+    pub(crate) micro_vertices: Vec<f32>,
+    pub(crate) distances: Vec<f32>,
 }
 
 /// The undisplaced method, lit, without shadows.
@@ -125,6 +127,8 @@ impl TestScene {
             lights: &self.lights,
             normal_texels: &self.normal_texels,
             instances: &self.instances,
+            micro_vertices: &self.micro_vertices,
+            distances: &self.distances,
         }
     }
 }

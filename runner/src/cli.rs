@@ -275,12 +275,14 @@ impl CliError {
             | CliError::Render(
                 RenderError::Framing(_)
                 | RenderError::MethodOfVectors { .. }
-                | RenderError::MethodOfAuto { .. },
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
             )
             | CliError::View(ViewError::Render(
                 RenderError::Framing(_)
                 | RenderError::MethodOfVectors { .. }
-                | RenderError::MethodOfAuto { .. },
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
             )) => 2,
             // What the arguments name is read by the viewer's own thread.
             CliError::View(ViewError::Source(error)) => {

@@ -222,9 +222,29 @@ pub enum RenderError {
         /// Which one.
         method: Method,
     },
+    /// Micro-triangles are stored for one view and one place.
+    #[error("--method tessellate stores micro-triangles once, but {what}; use --method quadtree")]
+    StoredOnce {
+        /// What asks for more.
+        what: &'static str,
+    },
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
+}
+
+/// Refuses what asks for more than one stored surface.
+fn check_stored(settings: &Settings, instances: &[Instance]) -> Result<(), RenderError> {
+    let what = if !settings.method.is_stored() {
+        return Ok(());
+    } else if settings.filter == Filter::Trilinear {
+        "with --filter trilinear heights follow the camera"
+    } else if !instances.is_empty() {
+        "instances have a place each"
+    } else {
+        return Ok(());
+    };
+    Err(RenderError::StoredOnce { what })
 }
 
 /// Finds out whether a picture fits in memory, before anything is computed for it. Where the system does not tell
@@ -259,23 +279,24 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
     let method = settings.method;
-    if settings.displacement != DisplacementKind::Height && !method.takes_any_scene() {
+    if settings.displacement != DisplacementKind::Height && !method.takes_vectors() {
         return Err(RenderError::MethodOfVectors { method });
     }
     if settings.adaptive.is_some() && !method.takes_any_scene() {
         return Err(RenderError::MethodOfAuto { method });
     }
+    check_stored(settings, &instances)?;
     check_texels(&reliefs)?;
     let normal_texels = normal_maps::pack(settings, &mesh, &reliefs)?;
     let along_tangents =
         settings.displacement == DisplacementKind::Tangent || normal_maps::needs_tangents(settings);
     let tangents = if along_tangents { mesh.split_by_tangents() } else { Vec::new() };
     let seams = match settings.weld {
-        Weld::On if !method.is_image_space() => SeamTable::find(&mut mesh, settings.displacement),
+        // Nothing that methods in image space do needs them.
+        Weld::On if settings.boxes() != 1 => SeamTable::find(&mut mesh, settings.displacement),
         Weld::On | Weld::Off => SeamTable::default(),
     };
-    let displaced = settings.method != Method::None;
-    let reading = Reading { displaced, wrap: settings.wrap, filter: settings.filter };
+    let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),

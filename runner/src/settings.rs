@@ -17,8 +17,12 @@ pub enum Method {
     Quadtree,
     /// The grid walk of Smits, Shirley and Stark 2000
     GridWalk,
+    /// The N² micro-triangles stored, in a BVH of their own (vertex displacement): exact
+    Tessellate,
     /// Every one of the N² micro-triangles, the slow reference
     BruteForce,
+    /// Inverse displacement mapping (Patterson 1991): N steps along the ray through each prism
+    Inverse,
     /// Bump mapping (Blinn 1978): normals of the relief. Outlines stay those of the base mesh, as with all that follow
     Bump,
     /// Blinn's other form of it: a map of slopes between texels
@@ -35,6 +39,10 @@ pub enum Method {
     Relief,
     /// Parallax occlusion mapping (Tatarchuk 2006): N layers, then a straight line; soft shadows
     Occlusion,
+    /// Pyramidal displacement mapping (Oh 2006): down the min/max pyramid, at most N visits a level
+    Pyramid,
+    /// Sphere tracing by a distance map (Donnelly 2005): at most N steps
+    Sphere,
     /// The base triangles, undisplaced
     None,
 }
@@ -45,7 +53,9 @@ impl Method {
         match self {
             Method::Quadtree => method::QUADTREE,
             Method::GridWalk => method::GRID_WALK,
+            Method::Tessellate => method::TESSELLATE,
             Method::BruteForce => method::BRUTE_FORCE,
+            Method::Inverse => method::INVERSE,
             Method::Bump => method::BUMP,
             Method::BumpOffset => method::BUMP_OFFSET,
             Method::NormalMap => method::NORMAL_MAP,
@@ -54,12 +64,14 @@ impl Method {
             Method::Steep => method::STEEP,
             Method::Relief => method::RELIEF,
             Method::Occlusion => method::OCCLUSION,
+            Method::Pyramid => method::PYRAMID,
+            Method::Sphere => method::SPHERE,
             Method::None => method::NONE,
         }
     }
 
     /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
-    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles.
+    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
             Method::Quadtree => 128,
@@ -69,10 +81,25 @@ impl Method {
         }
     }
 
+    /// Whether something is stored for it that other methods do without, so that a scene is loaded for it alone.
+    pub fn has_own_store(self) -> bool {
+        matches!(self, Method::Tessellate | Method::Sphere | Method::BumpOffset | Method::NormalMap)
+    }
+
+    /// Whether it intersects what is stored for one view and one place of each triangle.
+    pub fn is_stored(self) -> bool {
+        self == Method::Tessellate
+    }
+
     /// What N is to it, in a few words; `None` where it has no say.
     pub fn parameter(self) -> Option<&'static str> {
         match self {
-            Method::Quadtree | Method::GridWalk | Method::BruteForce => Some("parts of each triangle's side"),
+            Method::Quadtree | Method::GridWalk | Method::Tessellate | Method::BruteForce => {
+                Some("parts of each triangle's side")
+            }
+            Method::Inverse => Some("steps through each prism"),
+            Method::Pyramid => Some("visits for each level of the pyramid"),
+            Method::Sphere => Some("most steps of a ray"),
             Method::Steep | Method::Relief | Method::Occlusion => Some("layers of the relief"),
             Method::Bump
             | Method::BumpOffset
@@ -85,7 +112,7 @@ impl Method {
 
     /// Whether every ray hits the micro-triangle surface as exact arithmetic would have it, but for rounding.
     pub fn is_exact(self) -> bool {
-        matches!(self, Method::Quadtree | Method::BruteForce)
+        matches!(self, Method::Quadtree | Method::Tessellate | Method::BruteForce)
     }
 
     /// Whether it looks for the relief in texture space, from where a ray meets a base triangle.
@@ -98,14 +125,14 @@ impl Method {
         !method::traces_base_mesh(self.id())
     }
 
-    /// Whether it reads a map of its own beside the height map.
-    pub fn has_own_map(self) -> bool {
-        method::has_own_map(self.id())
-    }
-
     /// Whether it takes vector displacement, and an N that follows the camera.
     pub fn takes_any_scene(self) -> bool {
         method::takes_any_scene(self.id())
+    }
+
+    /// Whether it takes vector displacement.
+    pub fn takes_vectors(self) -> bool {
+        method::takes_vectors(self.id())
     }
 }
 
@@ -345,6 +372,8 @@ pub enum Shade {
     Cell,
     /// Work of the primary ray, from blue (little) to red (much)
     Steps,
+    /// By how much light differs from what the exact method shows: blue not at all, red by a quarter of white and more
+    Error,
 }
 
 impl Shade {
@@ -357,6 +386,7 @@ impl Shade {
             Shade::Uv => shade::UV,
             Shade::Cell => shade::CELL,
             Shade::Steps => shade::STEPS,
+            Shade::Error => shade::ERROR,
         }
     }
 }
@@ -467,6 +497,16 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Whether heights are read at all: without that they are all zero.
+    pub fn displaces(&self) -> bool {
+        self.method != Method::None || self.shade == Shade::Error
+    }
+
+    /// What the boxes of triangles hold: see [`method::boxes`].
+    pub fn boxes(&self) -> u32 {
+        method::boxes(self.method.id(), self.shade.id())
+    }
+
     /// Pixels of a picture. Fits: each side is a `u32`.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)

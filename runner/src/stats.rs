@@ -1,9 +1,10 @@
 //! What a rendering took, as `--stats` writes it.
 
-use crate::backend::{BuildReport, DeviceInfo};
+use crate::backend::{BuildReport, DeviceInfo, distance_maps, micro_vertices, tree_primitives};
 use crate::render::{Job, Rendering, Scene};
 use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
+use emboss_kernels::relief::distance_map::WORDS;
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,8 @@ pub struct Stats {
     pub triangles: u64,
     /// Places in which meshes stand; 0 where each triangle stands once, as it is.
     pub instances: u64,
-    /// Micro-triangles of the surface: N² for each base triangle, in each of its places. None of them is stored.
+    /// Micro-triangles of the surface: N² for each base triangle, in each of its places. None of them is stored, but by
+    /// `--method tessellate`.
     pub micro_triangles: u64,
     /// The least N of a triangle.
     pub n_least: u32,
@@ -57,12 +59,16 @@ pub struct Bytes {
     pub triangles: u64,
     /// Nodes of the BVH, of instances those of all trees.
     pub nodes: u64,
-    /// Order of the triangles in the BVH's leaves.
+    /// Order of the triangles, or of stored micro-triangles, in the BVH's leaves.
     pub primitives: u64,
+    /// Micro-vertices; 0 where none is stored.
+    pub micro_vertices: u64,
     /// Texels of the height maps.
     pub height_texels: u64,
     /// The height maps' min/max pyramids.
     pub height_ranges: u64,
+    /// Distance maps; 0 where none is read.
+    pub distances: u64,
     /// Seams and their sides.
     pub seams: u64,
     /// Texels of the colour maps.
@@ -249,9 +255,14 @@ impl Bytes {
             vertices: bytes(&buffers.vertices) + bytes(&buffers.tangents),
             triangles: bytes(&buffers.triangles),
             nodes: u64::from(build.nodes) * size_of::<BvhNode>() as u64,
-            primitives: u64::from(job.frame.triangle_count) * size_of::<u32>() as u64,
+            primitives: u64::from(tree_primitives(&job.frame, job.features)) * size_of::<u32>() as u64,
+            micro_vertices: u64::from(micro_vertices(&job.frame, job.features))
+                * size_of::<[f32; 3]>() as u64,
             height_texels: bytes(&buffers.height_texels),
             height_ranges: buffers.pyramid_words() * size_of::<u32>() as u64,
+            distances: u64::from(distance_maps(buffers.displacements.len(), job.features))
+                * u64::from(WORDS)
+                * size_of::<f32>() as u64,
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
             materials: bytes(&buffers.materials),

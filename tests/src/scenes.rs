@@ -10,7 +10,7 @@ use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{DisplacementKind, Light, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight, Vertex, height_format};
-use emboss_kernels::scene::SceneView;
+use emboss_kernels::scene::{Features, SceneView};
 use glam::{Quat, Vec3};
 use std::ops::Deref;
 
@@ -155,6 +155,17 @@ impl ReadyJob {
         let up = right.cross(forward).normalize() * camera.up.length();
         *camera = Camera { eye, right, up, forward, ..*camera };
         self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("only the camera is another");
+    }
+
+    /// The same job by other code, with what the host makes of it then.
+    ///
+    /// # Panics
+    /// Where that cannot be loaded.
+    #[must_use]
+    pub fn with_features(&self, features: Features) -> ReadyJob {
+        let job = Job { features, ..self.job.clone() };
+        let scene = HostScene::new(&job.buffers, &job.frame, features).expect("a sound scene");
+        ReadyJob { job, scene }
     }
 
     /// The box of each prism.

@@ -196,6 +196,8 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::TEXEL_SCALES, TexelScale::many()),
         (binding::INSTANCES, Instance::many()),
         (binding::NORMAL_TEXELS, u32::many()),
+        (binding::MICRO_VERTICES, f32::many()),
+        (binding::DISTANCES, f32::many()),
     ]
 }
 
@@ -378,6 +380,8 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         ("bvh_treelets", Some(BuildStep::one())),
         ("count_digits", Some(SortPass::one())),
         ("decide_seams", Some(Batch::one())),
+        ("distance_columns", Some(Batch::one())),
+        ("distance_map", Some(Batch::one())),
         ("height_pyramid", Some(PyramidPart::one())),
         ("prism_bounds", Some(Batch::one())),
         ("probe", Some(Batch::one())),
@@ -387,6 +391,8 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         ("scan_serially", Some(u32::one())),
         ("scatter_pairs", Some(SortPass::one())),
         ("sum_blocks", Some(u32::one())),
+        ("tessellate", Some(Batch::one())),
+        ("tessellate_bounds", Some(Batch::one())),
         ("trace_rays", Some(Batch::one())),
     ];
     let modules = compiled();
@@ -432,6 +438,8 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         ("bvh_treelets", batch),
         ("count_digits", block),
         ("decide_seams", batch),
+        ("distance_columns", batch),
+        ("distance_map", batch),
         ("height_pyramid", batch),
         ("prism_bounds", batch),
         ("probe", batch),
@@ -441,6 +449,8 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         ("scan_serially", block),
         ("scatter_pairs", block),
         ("sum_blocks", block),
+        ("tessellate", batch),
+        ("tessellate_bounds", batch),
         ("trace_rays", batch),
     ];
     assert_eq!(workgroups, expected);

@@ -170,3 +170,19 @@ fn methods_that_are_not_chosen_leave_no_code() {
     let sum = own(&quadtree) + own(&grid_walk) + own(&brute_force) + none.instructions;
     assert!(all > sum, "{all} instructions before, {sum} together");
 }
+
+/// What a method stores is read by its own pipelines alone.
+#[test]
+fn other_methods_stores_are_not_read() {
+    let [quadtree, tessellate, sphere, inverse, pyramid] =
+        [method::QUADTREE, method::TESSELLATE, method::SPHERE, method::INVERSE, method::PYRAMID]
+            .map(|method| specialized("render", Features { method, ..ALL }));
+    assert_unread(&tessellate, &quadtree, &[binding::MICRO_VERTICES]);
+    assert_unread(&sphere, &quadtree, &[binding::DISTANCES]);
+    assert_unread(&quadtree, &inverse, &[binding::HEIGHT_RANGES]);
+    for (name, code) in
+        [("tessellate", &tessellate), ("sphere", &sphere), ("inverse", &inverse), ("pyramid", &pyramid)]
+    {
+        println!("{name}: {} instructions of {}", code.instructions, quadtree.instructions);
+    }
+}

@@ -3,7 +3,7 @@
 use crate::aabb::Aabb;
 use crate::counters::Counts;
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::displacement::{brute_force, grid_walk, quadtree};
+use crate::displacement::{brute_force, grid_walk, inverse, quadtree, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
@@ -44,7 +44,15 @@ pub fn traverse(
     let instanced = features.instances != 0;
     let mut place = Place::WORLD;
     let mut ray = *world_ray;
-    let margin = if instanced { ray_margin(world_ray.origin) } else { 0.0 };
+    let tessellated = features.method == method::TESSELLATE;
+    let has_margin = instanced || tessellated;
+    let margin = if tessellated {
+        tessellate::ray_margin(world_ray.origin)
+    } else if instanced {
+        ray_margin(world_ray.origin)
+    } else {
+        0.0
+    };
     let mut stack = [0u32; MAX_BVH_DEPTH as usize];
     let mut stack_distances = [0.0f32; MAX_BVH_DEPTH as usize];
     let mut depth = 0;
@@ -53,7 +61,7 @@ pub fn traverse(
     let mut world_distances = [0.0f32; MAX_BVH_DEPTH as usize];
     let mut world_depth = 0;
     let mut node = at(scene.nodes, 0);
-    let mut distance = node.entry_distance(&ray, ray.t_max, instanced, margin);
+    let mut distance = node.entry_distance(&ray, ray.t_max, has_margin, margin);
     counts.boxes += 1;
     // Each node is visited once at most (that of a mesh once an instance). Two loops, one to the next leaf and one over
     // leaves, so that the rays of a subgroup test prisms together: with one loop each leaf of one ray would keep the others
@@ -87,10 +95,10 @@ pub fn traverse(
                     let first = if instanced { place.first_node + node.first } else { node.first };
                     let (left, right) = (at(scene.nodes, first), at(scene.nodes, first + 1));
                     let limit = farthest(&ray, nearest);
-                    let margin = if in_world { margin } else { 0.0 };
+                    let margin = if in_world || tessellated { margin } else { 0.0 };
                     let (to_left, to_right) = (
-                        left.entry_distance(&ray, limit, instanced, margin),
-                        right.entry_distance(&ray, limit, instanced, margin),
+                        left.entry_distance(&ray, limit, has_margin, margin),
+                        right.entry_distance(&ray, limit, has_margin, margin),
                     );
                     counts.boxes += 2;
                     let left_first = to_left <= to_right;
@@ -193,6 +201,10 @@ fn intersect_primitive(
     nearest: Hit,
     counts: &mut Counts,
 ) -> Hit {
+    if features.method == method::TESSELLATE {
+        counts.triangles += 1;
+        return tessellate::intersect(scene, ray, primitive, nearest);
+    }
     let field = &field.of_triangle(scene, primitive, instance);
     if features.method == method::QUADTREE {
         return quadtree::intersect(scene, field, primitive, ray, nearest, query == Query::Any, counts);
@@ -200,6 +212,8 @@ fn intersect_primitive(
     let base = BaseTriangle::load(scene, primitive);
     if features.method == method::GRID_WALK {
         grid_walk::intersect(field, &base, ray, nearest, counts)
+    } else if features.method == method::INVERSE {
+        inverse::intersect(field, &base, ray, nearest, counts)
     } else if features.method == method::BRUTE_FORCE {
         counts.prisms += 1;
         brute_force::intersect(field, &base, ray, nearest, counts)

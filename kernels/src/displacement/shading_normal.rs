@@ -8,6 +8,25 @@ use crate::interface::{displacement_kind, normals};
 use crate::math::{cross, dot, sqrt, unit};
 use glam::Vec3;
 
+/// How a height field goes on around a point: A + h'_1 d and B + h'_2 d in [`BaseTriangle::shading_normal`].
+#[derive(Clone, Copy)]
+pub(super) struct Derivatives {
+    /// The height there.
+    pub(super) height: f32,
+    /// A.
+    pub(super) a: Vec3,
+    /// B.
+    pub(super) b: Vec3,
+    /// What heights are along.
+    pub(super) d: Vec3,
+    /// h'_1.
+    pub(super) h1: f32,
+    /// h'_2.
+    pub(super) h2: f32,
+    /// Whether there is a direction to displace in.
+    is_displaced: bool,
+}
+
 impl BaseTriangle {
     /// Unit normal, to the outside of the base mesh, of the displaced surface at barycentric coordinates `w`; `ng`, the
     /// micro-triangle's there, where the surface has none: where its two derivatives are parallel or not finite, and where
@@ -35,6 +54,17 @@ impl BaseTriangle {
         if field.kind != displacement_kind::HEIGHT {
             return vector::shading_normal(field, self, w, ng);
         }
+        let surface = self.derivatives(field, w);
+        let Derivatives { a, b, d, h1, h2, .. } = surface;
+        let normal = unit(cross(a, b) + cross(d, b) * h1 + cross(a, d) * h2);
+        let outward = if self.flipped { -normal } else { normal };
+        if surface.is_displaced { or_geometric(outward, ng) } else { ng }
+    }
+
+    /// The derivatives of the surface of the triangle's own height field at barycentric coordinates `w`: see
+    /// [`shading_normal`](Self::shading_normal).
+    #[inline]
+    pub(super) fn derivatives(&self, field: &HeightField<'_>, w: Vec3) -> Derivatives {
         let n = interpolate(w, self.n0, self.n1, self.n2);
         let (n1, n2) = (self.n1 - self.n0, self.n2 - self.n0);
         let length = sqrt(dot(n, n));
@@ -50,10 +80,15 @@ impl BaseTriangle {
         let h = field.height(&self.map, uv, pixel);
         let gradient = field.height_gradient(&self.map, uv, pixel);
         let (h1, h2) = (gradient.dot(self.t1 - self.t0), gradient.dot(self.t2 - self.t0));
-        let (a, b) = (self.p1 - self.p0 + d1 * h, self.p2 - self.p0 + d2 * h);
-        let normal = unit(cross(a, b) + cross(d, b) * h1 + cross(a, d) * h2);
-        let outward = if self.flipped { -normal } else { normal };
-        if linear || length > NO_DIRECTION { or_geometric(outward, ng) } else { ng }
+        Derivatives {
+            height: h,
+            a: self.p1 - self.p0 + d1 * h,
+            b: self.p2 - self.p0 + d2 * h,
+            d,
+            h1,
+            h2,
+            is_displaced: linear || length > NO_DIRECTION,
+        }
     }
 
     /// The interpolated vertex normal at `w` as a unit vector on the side of `ng`, or `ng` where there is none.

@@ -562,20 +562,7 @@ impl BaseTriangle {
         c: Vec3,
         nearest: Hit,
     ) -> Hit {
-        let packed = cell.pack();
-        let hit = triangle::intersect(ray, a, b, c, ray.t_max);
-        let left = self.primitive == ray.left_primitive && packed == ray.left_cell;
-        if left || !hit.t.is_finite() {
-            return nearest;
-        }
-        nearest.nearer(Hit {
-            t: hit.t,
-            primitive: self.primitive,
-            cell: packed,
-            b1: hit.b1,
-            b2: hit.b2,
-            ..Hit::NONE
-        })
+        intersect_micro_triangle(self.primitive, ray, cell, [a, b, c], nearest)
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
@@ -737,6 +724,24 @@ impl BaseTriangle {
     }
 }
 
+/// The nearer of `nearest` and the ray's hit on the micro-triangle of `cell` of base triangle `primitive`.
+#[inline]
+pub(super) fn intersect_micro_triangle(
+    primitive: u32,
+    ray: &TraversalRay,
+    cell: Cell,
+    [a, b, c]: [Vec3; 3],
+    nearest: Hit,
+) -> Hit {
+    let packed = cell.pack();
+    let hit = triangle::intersect(ray, a, b, c, ray.t_max);
+    let left = primitive == ray.left_primitive && packed == ray.left_cell;
+    if left || !hit.t.is_finite() {
+        return nearest;
+    }
+    nearest.nearer(Hit { t: hit.t, primitive, cell: packed, b1: hit.b1, b2: hit.b2, ..Hit::NONE })
+}
+
 /// The corner whose barycentric coordinates `w` are, or 3.
 #[inline]
 pub(super) fn corner_at(w: Vec3) -> u32 {
@@ -840,11 +845,12 @@ pub(super) fn component<T: Copy>(v: [T; 3], i: u32) -> T {
 /// corners are infinite, since a box that takes in NaN may be any.
 pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -> Aabb {
     let base = BaseTriangle::load(scene, primitive);
-    let bounds = if method::is_image_space(features.method) {
-        base.flat_bounds()
-    } else {
-        base.bounds(&HeightField::new(scene, features))
-    };
+    let boxes = method::boxes(features.method, features.shade);
+    let mut bounds = base.flat_bounds();
+    if boxes != 1 {
+        let displaced = base.bounds(&HeightField::new(scene, features));
+        bounds = if boxes == 0 { displaced } else { displaced.including(bounds.min).including(bounds.max) };
+    }
     if base.is_finite() { bounds } else { Aabb::EMPTY }
 }
 

@@ -12,11 +12,14 @@
 pub mod binary;
 pub mod bump;
 pub mod bump_offset;
+pub mod distance_map;
 pub mod layers;
 pub mod normal_map;
 pub mod normal_texels;
 pub mod occlusion;
 pub mod parallax;
+pub mod pyramid;
+pub mod sphere_trace;
 pub mod steep;
 pub mod tangent_space;
 #[cfg(test)]
@@ -51,7 +54,7 @@ pub fn surface(
     let direction = object_vector(scene, features, hit, ray.direction);
     let tangent_ray = space.ray(flat.uv, 0.0, direction);
     let mut offset = 0.0;
-    if method::has_layers(features.method) {
+    if method::searches_relief(features.method) {
         offset = searched(scene, features, &space, &tangent_ray, hit.t);
     } else if features.method == method::PARALLAX {
         offset = parallax::offset(&space, &tangent_ray);
@@ -79,7 +82,7 @@ pub fn surface(
     SurfaceInteraction { uv, ns, height: space.height(uv), offset, ..flat }
 }
 
-/// How far behind its hit on the base triangle a ray meets the relief, by a search over layers; negative where it does before, at
+/// How far behind its hit on the base triangle a ray meets the relief, by a search; negative where it does before, at
 /// most by `t_hit`. In the world's lengths, as `ray` is.
 #[inline]
 fn searched(
@@ -93,18 +96,25 @@ fn searched(
     if !span.is_some() {
         return 0.0;
     }
-    let bracket = layers::search(space, ray, span, scene.frame.subdivisions);
-    if features.method == method::STEEP {
-        steep::refine(bracket)
-    } else if features.method == method::RELIEF {
-        binary::refine(space, ray, bracket)
+    let n = scene.frame.subdivisions;
+    if features.method == method::PYRAMID {
+        pyramid::search(space, ray, span, n)
+    } else if features.method == method::SPHERE {
+        sphere_trace::search(scene.distances, space, ray, span, n)
     } else {
-        occlusion::refine(bracket)
+        let bracket = layers::search(space, ray, span, n);
+        if features.method == method::STEEP {
+            steep::refine(bracket)
+        } else if features.method == method::RELIEF {
+            binary::refine(space, ray, bracket)
+        } else {
+            occlusion::refine(bracket)
+        }
     }
 }
 
-/// How much the relief lets through, by a method of layers, of the light from the world's direction `wi`, 0 to 1, where
-/// [`surface()`] gave these texture coordinates and this height for the hit.
+/// How much the relief lets through, by a method that searches, of the light from the world's direction `wi`, 0 to 1, where
+/// [`surface()`] gave these texture coordinates and this height for the hit. Those without shadows of their own take layers for it.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
 #[inline]

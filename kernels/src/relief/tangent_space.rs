@@ -1,7 +1,9 @@
 //! The tangent space of a base triangle: texture coordinates and heights over its plane, and rays in it.
 
 use crate::barycentric::interpolate;
+use crate::displacement::height_pyramid::{texel_coordinates, top_level};
 use crate::displacement::surface::{BaseTriangle, HeightField, Pixel};
+use crate::interface::Displacement;
 use crate::math::{cross, dot, unit};
 use glam::{Vec2, Vec3};
 
@@ -122,6 +124,26 @@ impl<'a> TangentSpace<'a> {
         (self.base.map.height_min, self.base.map.height_max)
     }
 
+    /// The map's index, and how it goes on beyond its borders.
+    #[inline]
+    pub fn map(&self) -> (u32, u32) {
+        (self.base.displacement, self.field.pyramid(self.base.map).wrap)
+    }
+
+    /// The level of the map's pyramid that is one entry.
+    #[inline]
+    pub fn top_level(&self) -> u32 {
+        top_level(self.base.map.map_width, self.base.map.map_height)
+    }
+
+    /// Bounds on the heights between two points given in texel coordinates, by the map's pyramid.
+    #[inline]
+    pub fn heights_between(&self, low: Vec2, high: Vec2) -> (f32, f32) {
+        let map = self.base.map;
+        let range = self.field.pyramid(map).range_between(low, high);
+        Displacement::height_range(range.min, range.max, map.zero, map.scale)
+    }
+
     /// The normal of the relief where heights have these [`slopes`](Self::slopes): Blinn's formulas (2) and (3),
     ///
     ///   n' = n + (h_u (a × p_v) - h_v (a × p_u)),  a = n / |n|,
@@ -145,6 +167,30 @@ impl TangentRay {
     #[inline]
     pub fn uv(&self, t: f32) -> Vec2 {
         self.start + self.rate * t
+    }
+
+    /// Texel coordinates at distance `t`, and their growth.
+    #[inline]
+    pub fn texels(&self, space: &TangentSpace<'_>, t: f32) -> (Vec2, Vec2) {
+        let map = &space.base.map;
+        let size = Vec2::new(map.map_width as f32, -(map.map_height as f32));
+        (texel_coordinates(map, self.uv(t)), self.rate * size)
+    }
+
+    /// It in cells of a distance map: where it starts and how it grows, with so many cells along each `side` of the map, and `depth`
+    /// of them for a unit of height from `low` on.
+    #[inline]
+    pub fn cells(&self, side: f32, low: f32, depth: f32) -> (Vec3, Vec3) {
+        let start = Vec3::new(self.start.x * side, side - self.start.y * side, (self.height - low) * depth);
+        (start, Vec3::new(self.rate.x * side, -self.rate.y * side, self.climb * depth))
+    }
+
+    /// How far beyond distance `from` it comes to the first of heights `low` and `high` from its side; negative where it is between
+    /// them.
+    #[inline]
+    pub fn time_to(&self, (low, high): (f32, f32), from: f32) -> f32 {
+        let first = if self.climb < 0.0 { high } else { low };
+        (first - self.height) / self.climb - from
     }
 
     /// How far it is at distance `t` from the height field on the side that it comes from, in heights: above 0 while a ray that

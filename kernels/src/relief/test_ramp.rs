@@ -1,7 +1,8 @@
 //! A relief whose hits are known in closed form: a slope over a level square.
 
 use crate::counters::Counts;
-use crate::interface::{Intersection, MISS, Ray};
+use crate::displacement::height_pyramid::{build_word, level_words, pyramid_words, top_level};
+use crate::interface::{Intersection, MISS, Ray, height_format, wrap};
 use crate::math::tests::Numbers;
 use crate::render::trace_ray;
 use crate::scene::Features;
@@ -64,4 +65,18 @@ pub(crate) fn assert_on_ray(hit: &Intersection, ray: &Ray) {
     assert!((f64::from(hit.v) - point.y).abs() < 4e-6, "{point} {hit:?}");
     let normal = DVec3::new(-SLOPE, 0.0, 1.0).normalize();
     assert!(normal.distance(hit.normal.as_dvec3()) < 1e-6, "{hit:?}");
+}
+
+/// The scene with the pyramid of its map.
+pub(crate) fn with_pyramid(mut scene: TestScene) -> TestScene {
+    let (map, format) = (scene.displacements[0], height_format::FLOAT32);
+    let (width, height) = (map.map_width, map.map_height);
+    scene.height_ranges = vec![0; pyramid_words(format, width, height) as usize];
+    for level in 1..=top_level(width, height) {
+        for item in 0..level_words(format, width, height, level) {
+            let (texels, ranges) = (&scene.height_texels, &mut scene.height_ranges);
+            build_word(texels, ranges, &map, format, wrap::REPEAT, level, item);
+        }
+    }
+    scene
 }

@@ -1,8 +1,8 @@
 //! A scene in the host's memory with all that follows from its buffers, by the functions that kernels run on a device.
 
 use super::{
-    BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights, reserved,
-    with_displacements, with_view,
+    BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights,
+    distance_maps, is_stored, micro_vertices, reserved, tree_primitives, with_displacements, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -11,7 +11,9 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::height_bounds;
 use emboss_kernels::displacement::seams::decide_seams;
 use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
+use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{BvhNode, Displacement, Frame, Instance, PointLight};
+use emboss_kernels::relief::distance_map::{self, CELLS, COLUMNS, WORDS};
 use emboss_kernels::scene::{Features, SceneView};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -26,17 +28,23 @@ pub struct HostScene {
     features: Features,
     height_ranges: Vec<u32>,
     boxes: Vec<Aabb>,
-    /// The tree over the boxes, or with instances those of their meshes.
+    /// Three floats each; none unless that is the method.
+    micro_vertices: Vec<f32>,
+    /// Distance maps; none unless the method reads them.
+    distances: Vec<f32>,
+    /// The boxes of micro-triangles, as far.
+    micro_boxes: Vec<Aabb>,
+    /// The tree over the boxes, of these or of those, or with instances those of their meshes.
     trees: Vec<MeshTree>,
     /// The same as kernels read them, with instances behind the tree over these.
     bvh: Bvh,
     report: BuildReport,
 }
 
-/// The tree over the boxes of some triangles, as it was built or refitted last.
+/// The tree over the boxes of some triangles or micro-triangles, as it was built or refitted last.
 #[derive(Clone, Debug)]
 struct MeshTree {
-    triangles: Range<usize>,
+    primitives: Range<usize>,
     tree: Hlbvh,
     /// What it cost when it was built.
     built_cost: f64,
@@ -44,7 +52,7 @@ struct MeshTree {
 
 impl MeshTree {
     fn left_out(&self) -> u32 {
-        u32::try_from(self.triangles.len()).unwrap_or(u32::MAX) - self.tree.sound()
+        u32::try_from(self.primitives.len()).unwrap_or(u32::MAX) - self.tree.sound()
     }
 }
 
@@ -91,6 +99,8 @@ impl HostScene {
             lights: &self.buffers.lights,
             normal_texels: &self.buffers.normal_texels,
             instances: &self.buffers.instances,
+            micro_vertices: &self.micro_vertices,
+            distances: &self.distances,
         }
     }
 
@@ -152,7 +162,8 @@ impl HostScene {
         Ok(())
     }
 
-    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
+    /// its own.
     fn prepare_prisms(&mut self) -> Result<(), BackendError> {
         let features = self.features;
         // Taken out, since the view of the rest is read meanwhile, which has neither.
@@ -174,18 +185,67 @@ impl HostScene {
             .map(|primitive| prism_bounds(&view, features, primitive))
             .collect_into_vec(&mut boxes);
         self.boxes = boxes;
+        if is_stored(features) {
+            self.tessellate()?;
+        }
+        self.map_distances()
+    }
+
+    /// The distance maps of all height maps, where the method reads them.
+    fn map_distances(&mut self) -> Result<(), BackendError> {
+        let features = self.features;
+        let maps = distance_maps(self.buffers.displacements.len(), features);
+        self.distances = reserved("the distance maps", maps as usize * WORDS as usize)?;
+        for map in 0..maps {
+            let view = self.view();
+            let field = HeightField::new(&view, features);
+            let mode = field.displacement(map).known_wrap(features.height_wrap);
+            let columns = (0..COLUMNS).into_par_iter().map(|i| distance_map::column(&field, map, i));
+            let columns: Vec<f32> = columns.collect();
+            let cells = (0..CELLS).into_par_iter().map(|i| distance_map::distance(&columns, 0, mode, i));
+            let cells: Vec<f32> = cells.collect();
+            self.distances.extend(columns);
+            self.distances.extend(cells);
+        }
         Ok(())
+    }
+
+    /// The micro-vertices of all triangles, and the boxes of their micro-triangles.
+    fn tessellate(&mut self) -> Result<(), BackendError> {
+        let features = self.features;
+        let floats = 3 * micro_vertices(&self.frame, features) as usize;
+        let mut points = reserved("the micro-vertices", floats)?;
+        points.resize(floats, 0.0);
+        let view = self.view();
+        let count = micro_vertices(&self.frame, features);
+        points.par_chunks_exact_mut(3).zip(0..count).for_each(|(point, i)| {
+            tessellate::store(point, 0, tessellate::micro_vertex(&view, features, i));
+        });
+        self.micro_vertices = points;
+        let count = tree_primitives(&self.frame, features);
+        let mut boxes = reserved("the micro-triangles' boxes", count as usize)?;
+        let (points, n) = (&self.micro_vertices, self.frame.subdivisions);
+        (0..count).into_par_iter().map(|i| tessellate::bounds(points, n, i)).collect_into_vec(&mut boxes);
+        self.micro_boxes = boxes;
+        Ok(())
+    }
+
+    /// What the trees are over.
+    fn tree_boxes(&self) -> &[Aabb] {
+        if is_stored(self.features) { &self.micro_boxes } else { &self.boxes }
     }
 
     /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `start` is when the
     /// work began.
     fn update_bvh(&mut self, start: Instant) {
         // A triangle that was left out may be sound by now, which a refit would not notice.
-        let boxes = &self.boxes;
+        let mut trees = std::mem::take(&mut self.trees);
+        let boxes = self.tree_boxes();
         let refitted = self.report.left_out == 0
-            && self.trees.iter_mut().all(|MeshTree { triangles, tree, built_cost }| {
-                tree.refit(&boxes[triangles.clone()]) && tree.cost() <= MOST_GROWTH * *built_cost
+            && trees.iter_mut().all(|MeshTree { primitives, tree, built_cost }| {
+                tree.refit(&boxes[primitives.clone()]) && tree.cost() <= MOST_GROWTH * *built_cost
             });
+        self.trees = trees;
         if refitted {
             self.join_trees();
             self.report = BuildReport { duration: start.elapsed(), refitted, ..self.report };
@@ -202,11 +262,11 @@ impl HostScene {
         };
         let mut meshes: Vec<_> = instances::meshes(&self.buffers.instances).map(of_mesh).collect();
         if meshes.is_empty() {
-            meshes.push(0..self.boxes.len());
+            meshes.push(0..self.tree_boxes().len());
         }
-        let built = |triangles: Range<usize>| {
-            let tree = Hlbvh::build(&self.boxes[triangles.clone()]);
-            MeshTree { built_cost: tree.cost(), triangles, tree }
+        let built = |primitives: Range<usize>| {
+            let tree = Hlbvh::build(&self.tree_boxes()[primitives.clone()]);
+            MeshTree { built_cost: tree.cost(), primitives, tree }
         };
         self.trees = meshes.into_iter().map(built).collect();
         let nodes = self.join_trees();
@@ -218,7 +278,7 @@ impl HostScene {
     fn join_trees(&mut self) -> u32 {
         let trees: Vec<Bvh> = self.trees.iter().map(|mesh| mesh.tree.tree()).collect();
         for (mesh, tree) in self.trees.iter().zip(&trees) {
-            debug_assert_eq!(tree.validate(&self.boxes[mesh.triangles.clone()]).err(), None);
+            debug_assert_eq!(tree.validate(&self.tree_boxes()[mesh.primitives.clone()]).err(), None);
         }
         let instances = &self.buffers.instances;
         let mut count: usize = trees.iter().map(|tree| tree.nodes.len()).sum();
@@ -232,7 +292,7 @@ impl HostScene {
             nodes[..over.len()].copy_from_slice(&over);
             for ((instance, mesh), tree) in instances::meshes(instances).zip(&self.trees).zip(&trees) {
                 nodes[instance.first_node as usize..][..tree.nodes.len()].copy_from_slice(&tree.nodes);
-                primitives[mesh.triangles.clone()].copy_from_slice(&tree.primitives);
+                primitives[mesh.primitives.clone()].copy_from_slice(&tree.primitives);
             }
             self.bvh = Bvh { nodes, primitives };
             count += over.len();

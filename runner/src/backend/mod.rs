@@ -11,11 +11,13 @@ use crate::instances;
 use crate::scene::mip_levels;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::height_pyramid::pyramid_words;
+use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{
     Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
     PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
-    displacement_kind, filter, height_format, method, normal_space, wrap,
+    displacement_kind, filter, height_format, method, normal_space, shade, wrap,
 };
+use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::relief::normal_texels::HEADER_WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -96,6 +98,10 @@ impl SceneBuffers {
         if self.instances.len() > MAX_PRIMITIVES as usize {
             return Err(BackendError::TooManyInstances { count: self.instances.len() });
         }
+        check_micro_triangles(frame, features)?;
+        if u64::from(distance_maps(self.displacements.len(), features)) * u64::from(WORDS) > u32::MAX.into() {
+            return Err(BackendError::TooManyDistanceMaps { count: self.displacements.len() });
+        }
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
         let filtered = features.filter != filter::BILINEAR;
         let texels = |width: u32, height: u32, levels: bool| {
@@ -103,7 +109,7 @@ impl SceneBuffers {
         };
         let texel_words = |map: &Displacement| {
             // Where no method displaces levels are not read.
-            let levels = filtered && features.method != method::NONE;
+            let levels = filtered && displaces(features);
             let texels = texels(map.map_width, map.map_height, levels);
             match map.format {
                 height_format::UNORM8 => texels.div_ceil(4),
@@ -199,7 +205,7 @@ impl SceneBuffers {
                 && (wrap == wrap::PER_MAP || wrap == map.color_wrap || map.color_format == color_format::NONE)
         };
         let traced = frame.triangle_count > 0;
-        let displaced = traced && features.method != method::NONE;
+        let displaced = traced && displaces(features);
         let welded = traced && features.seams != 0;
         let adaptive = displaced && features.adaptive != 0;
         let what = if !self.triangles.iter().all(|t| below(&t.vertices, self.vertices.len())) {
@@ -228,7 +234,7 @@ impl SceneBuffers {
             "a seam's side names a height map that is not there"
         } else if !self.seam_sides.iter().all(|side| below(&side.vertices, self.vertices.len())) {
             "a seam's side names a vertex that is not there"
-        } else if vectors && !method::takes_any_scene(features.method) {
+        } else if vectors && !method::takes_vectors(features.method) {
             METHOD_OF_VECTORS
         } else if traced && method::has_own_map(features.method) && !own_map_is_sound() {
             "a map of normals or of offsets has fewer texels than its size says"
@@ -242,6 +248,8 @@ impl SceneBuffers {
             "the greatest N is no power of two, or there is no detail that N follows"
         } else if adaptive && !method::takes_any_scene(features.method) {
             METHOD_OF_AUTO
+        } else if is_stored(features) && (filtered || features.instances != 0) {
+            "a tessellation is of one view and one place"
         } else if traced && !self.triangles.iter().all(names_a_material) {
             "a triangle names a material that is not there"
         } else if traced && !self.materials.iter().all(color_is_known) {
@@ -292,24 +300,70 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     let Features { method, shade, shadows, smooth, counters, .. } = new;
     // Height maps are packed with their levels only where a method displaces. Boxes are those of the surface that rays
     // meet, and methods in image space have no seams.
-    let lacks_levels =
-        loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
+    let lacks_levels = !displaces(loaded) && displaces(new) && loaded.filter != filter::BILINEAR;
     let lacks_map = method::has_own_map(method) && method != loaded.method;
-    let other_boxes = method::is_image_space(loaded.method) != method::is_image_space(method);
+    let other_boxes = method::boxes(loaded.method, loaded.shade) != method::boxes(method, shade);
+    // Micro-triangles with their tree, or distance maps, are there or not.
+    let lacks_store = is_stored(loaded) != is_stored(new) || has_distances(loaded) != has_distances(new);
     let what = if lacks_levels
         || lacks_map
         || other_boxes
+        || lacks_store
         || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new
     {
         "the features need another scene than the one loaded"
     } else if new.adaptive != 0 && !method::takes_any_scene(method) {
         METHOD_OF_AUTO
-    } else if new.displacement != displacement_kind::HEIGHT && !method::takes_any_scene(method) {
+    } else if new.displacement != displacement_kind::HEIGHT && !method::takes_vectors(method) {
         METHOD_OF_VECTORS
     } else {
         return Ok(());
     };
     Err(BackendError::Unsound { what })
+}
+
+/// Whether the method intersects a tessellation, which is stored.
+fn is_stored(features: Features) -> bool {
+    features.method == method::TESSELLATE
+}
+
+/// Whether the method reads distance maps.
+fn has_distances(features: Features) -> bool {
+    features.method == method::SPHERE
+}
+
+/// How many distance maps there are: one for each displacement.
+pub(crate) fn distance_maps(displacements: usize, features: Features) -> u32 {
+    if has_distances(features) { u32::try_from(displacements).unwrap_or(u32::MAX) } else { 0 }
+}
+
+/// How many primitives the tree of a scene without instances is over: triangles, or the micro-triangles of a tessellation.
+pub(crate) fn tree_primitives(frame: &Frame, features: Features) -> u32 {
+    let n = if is_stored(features) { frame.subdivisions } else { 1 };
+    // Checked to be few enough.
+    frame.triangle_count.saturating_mul(n.saturating_mul(n))
+}
+
+/// How many micro-vertices are stored.
+pub(crate) fn micro_vertices(frame: &Frame, features: Features) -> u32 {
+    if is_stored(features) { frame.triangle_count * tessellate::vertices_of(frame.subdivisions) } else { 0 }
+}
+
+/// Refuses a tessellation of more micro-triangles than a tree holds.
+fn check_micro_triangles(frame: &Frame, features: Features) -> Result<(), BackendError> {
+    let (triangles, subdivisions) = (frame.triangle_count, frame.subdivisions);
+    let fits = |n: u32| u64::from(triangles) * u64::from(n).pow(2) <= MAX_PRIMITIVES.into();
+    if !is_stored(features) || fits(subdivisions) {
+        return Ok(());
+    }
+    let most = (1..=MAX_SUBDIVISIONS).take_while(|&n| fits(n)).last().unwrap_or(0);
+    let count = u64::from(triangles) * u64::from(subdivisions).pow(2);
+    Err(BackendError::TooManyMicroTriangles { triangles, subdivisions, count, most })
+}
+
+/// Whether heights are read at all.
+fn displaces(features: Features) -> bool {
+    features.method != method::NONE || features.shade == shade::ERROR
 }
 
 /// What is wrong with most methods of vectors.
@@ -428,6 +482,29 @@ pub enum BackendError {
         /// How many.
         count: usize,
     },
+    /// More distance maps than kernels number words of.
+    #[error(
+        "the scene has {count} height maps, more than there can be distance maps of; use fewer, or --method pyramid"
+    )]
+    TooManyDistanceMaps {
+        /// How many.
+        count: usize,
+    },
+    /// More micro-triangles than a BVH holds.
+    #[error(
+        "{triangles} triangles at N = {subdivisions} have {count} micro-triangles, but a BVH stores at most {MAX_PRIMITIVES}; \
+         use N = {most} or less, or --method quadtree, which stores none"
+    )]
+    TooManyMicroTriangles {
+        /// Base triangles.
+        triangles: u32,
+        /// N.
+        subdivisions: u32,
+        /// How many micro-triangles that makes.
+        count: u64,
+        /// The greatest N that fits.
+        most: u32,
+    },
     /// More instances than a BVH holds.
     #[error("the scene has {count} instances, more than the {MAX_PRIMITIVES} of a BVH; use fewer")]
     TooManyInstances {
@@ -500,8 +577,9 @@ pub trait Backend {
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the
-    /// features that it was loaded with. Film and counters are cleared; pipelines are made where they hold other code, and
-    /// nothing is built. (A scene is displaced by its scales alone, so that for [`method::NONE`] these have to be 0: see
+    /// features that it was loaded with, but not to or from a tessellation or
+    /// sphere tracing. Film and counters are cleared; pipelines are made where
+    /// they hold other code, and nothing is built. (A scene is displaced by its scales alone, so that for [`method::NONE`] these have to be 0: see
     /// [`set_displacements`](Self::set_displacements).)
     fn set_features(&mut self, features: Features) -> Result<(), BackendError>;
 

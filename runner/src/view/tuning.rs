@@ -5,7 +5,7 @@ use crate::render::Scene;
 use crate::scene::Relief;
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Shade, Subdivisions, Wrap};
 use clap::ValueEnum;
-use emboss_kernels::interface::MAX_SUBDIVISIONS;
+use emboss_kernels::interface::{MAX_SUBDIVISIONS, method};
 use glam::Vec3;
 
 /// What differs from the scene as it was loaded; `None` where nothing does.
@@ -116,11 +116,13 @@ impl Tuning {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
         // Boxes are those of what rays meet: displaced or not.
-        let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
-        // Some methods read a map of their own, which is made for them.
-        let own_map = other.method_of(base).has_own_map() || self.method_of(base).has_own_map();
-        let own_map = own_map && self.method_of(base) != other.method_of(base);
-        levels || boxes || own_map || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
+        let boxes_of =
+            |tuning: &Tuning| method::boxes(tuning.method_of(base).id(), tuning.shade_of(base).id());
+        let boxes = boxes_of(self) != boxes_of(other);
+        // Those that store something are loaded with it.
+        let (method, others) = (self.method_of(base), other.method_of(base));
+        let stored = method != others && (method.has_own_store() || others.has_own_store());
+        levels || boxes || stored || (self.subdivisions, self.wrap) != (other.subdivisions, other.wrap)
     }
 
     /// Whether heights differ, or whether there are any.
@@ -131,7 +133,11 @@ impl Tuning {
 
     /// Whether nothing is displaced.
     fn is_flat(&self, base: &Settings) -> bool {
-        self.method_of(base) == Method::None
+        self.method_of(base) == Method::None && self.shade_of(base) != Shade::Error
+    }
+
+    fn shade_of(&self, base: &Settings) -> Shade {
+        self.shade.unwrap_or(base.shade)
     }
 
     fn method_of(&self, base: &Settings) -> Method {
@@ -182,11 +188,15 @@ impl Tuning {
 
     /// The next method that takes the scene's maps, and N as it is.
     pub fn next_method(&mut self, settings: &Settings) {
-        let mut method = next(self.method_of(settings));
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
-        let any = auto || settings.displacement != DisplacementKind::Height;
-        // Some do.
-        while any && !method.takes_any_scene() {
+        let vectors = settings.displacement != DisplacementKind::Height;
+        let is_refused = |method: Method| {
+            auto && !method.takes_any_scene()
+                || vectors && !method.takes_vectors()
+                || method.is_stored() && settings.filter == Filter::Trilinear
+        };
+        let mut method = next(self.method_of(settings));
+        while is_refused(method) {
             method = next(method);
         }
         self.method = Some(method);
@@ -298,9 +308,9 @@ mod tests {
             }
             methods
         };
-        assert_eq!(round(DisplacementKind::Height).len(), 4);
+        assert_eq!(round(DisplacementKind::Height).len(), Method::value_variants().len());
         let of_vectors = round(DisplacementKind::Tangent);
-        assert_eq!(of_vectors, [Method::BruteForce, Method::None, Method::Quadtree]);
+        assert_eq!(of_vectors, [Method::Tessellate, Method::BruteForce, Method::None, Method::Quadtree]);
     }
 
     #[test]

@@ -29,6 +29,7 @@ mod programs;
 mod resident;
 mod scan;
 mod sort;
+mod specialize;
 mod surface;
 mod swapchain;
 mod tiles;
@@ -55,6 +56,7 @@ use emboss_kernels::interface::{
     binding, counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
+use emboss_kernels::relief::distance_map::{CELLS, COLUMNS};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use instance::Instance;
@@ -304,12 +306,17 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes.
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
+    /// micro-vertices and their boxes; distance maps.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, count) in preparation(resident) {
             if count > 0 {
                 let program = self.programs.get(&self.device, kernel)?;
-                program.pipeline().bind(|at| resident.buffer(at));
+                let micro = kernel == Kernel::TessellateBounds;
+                program.pipeline().bind(|at| match at {
+                    binding::BOXES if micro => resident.micro_boxes(),
+                    _ => resident.buffer(at),
+                });
                 program.run_batches(&self.commands, count, 0)?;
             }
         }
@@ -348,7 +355,7 @@ impl VulkanBackend {
         let tree = resident.tree();
         builder.build(&self.commands, tree, &Scratch::new(&self.device, tree.state.count())?)?;
         let sound = tree.state.sound(&self.commands, &self.transfers)?;
-        let (nodes, left_out) = (node_count(sound), resident.triangles() - sound);
+        let (nodes, left_out) = (node_count(sound), tree.state.count() - sound);
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         self.built_cost = None;
         Ok(())
@@ -619,11 +626,17 @@ fn empty(
 }
 
 /// The kernels that prepare prisms in their order, each with how many items it runs over.
-fn preparation(resident: &Resident) -> [(Kernel, u32); 3] {
+fn preparation(resident: &Resident) -> [(Kernel, u32); 7] {
+    let [micro_vertices, micro_triangles] = resident.stored();
+    let maps = resident.distance_maps();
     [
         (Kernel::BoundHeights, resident.triangles()),
         (Kernel::DecideSeams, resident.seams()),
         (Kernel::PrismBounds, resident.triangles()),
+        (Kernel::Tessellate, micro_vertices),
+        (Kernel::TessellateBounds, micro_triangles),
+        (Kernel::DistanceColumns, maps * COLUMNS),
+        (Kernel::DistanceMap, maps * CELLS),
     ]
 }
 

@@ -2,9 +2,9 @@
 
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
+use super::specialize::specialize;
 use crate::backend::BackendError;
 use ash::vk;
-use bytemuck::bytes_of;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tile, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CString;
@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 20;
+pub(super) const MOST_BINDINGS: u32 = 22;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -35,6 +35,8 @@ macro_rules! scene_and {
             TEXEL_SCALES,
             INSTANCES,
             NORMAL_TEXELS,
+            MICRO_VERTICES,
+            DISTANCES,
             $($more),*
         ]
     };
@@ -79,6 +81,10 @@ kernels! {
     BoundHeights: "bound_heights",
     DecideSeams: "decide_seams",
     PrismBounds: "prism_bounds",
+    Tessellate: "tessellate",
+    TessellateBounds: "tessellate_bounds",
+    DistanceColumns: "distance_columns",
+    DistanceMap: "distance_map",
     Probe: "probe",
     SumBlocks: "sum_blocks",
     ScanSerially: "scan_serially",
@@ -111,6 +117,9 @@ impl Kernel {
             Kernel::BoundHeights => "bounding the triangles' heights",
             Kernel::DecideSeams => "deciding the seams",
             Kernel::PrismBounds => "bounding the displaced triangles",
+            Kernel::Tessellate => "displacing micro-vertices",
+            Kernel::TessellateBounds => "bounding micro-triangles",
+            Kernel::DistanceColumns | Kernel::DistanceMap => "mapping distances",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
             Kernel::CountDigits | Kernel::ScatterPairs => "sorting",
@@ -139,7 +148,11 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams => scene_and![],
+            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate | Kernel::DistanceColumns => {
+                scene_and![]
+            }
+            Kernel::DistanceMap => &[DISPLACEMENTS, DISTANCES],
+            Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
             Kernel::PrismBounds => scene_and![BOXES],
             Kernel::Probe => &[PROBE_IN, PROBE_OUT],
             Kernel::ScanSerially => &[SCAN_VALUES],
@@ -191,6 +204,10 @@ impl Kernel {
             | Kernel::BoundHeights
             | Kernel::DecideSeams
             | Kernel::PrismBounds
+            | Kernel::Tessellate
+            | Kernel::TessellateBounds
+            | Kernel::DistanceColumns
+            | Kernel::DistanceMap
             | Kernel::Probe => size_of::<Batch>(),
             Kernel::HeightPyramid => size_of::<PyramidPart>(),
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => size_of::<u32>(),
@@ -207,6 +224,17 @@ impl Kernel {
             | Kernel::BvhMove => size_of::<BuildStep>(),
             Kernel::BvhStart | Kernel::BvhRefit | Kernel::BvhCosts => 0,
         }
+    }
+
+    /// Its module for those features: see [`specialize`].
+    fn specialized(self, features: Features) -> Result<Vec<u32>, String> {
+        // The bytes of a file have no alignment; words do.
+        let words =
+            ash::util::read_spv(&mut Cursor::new(self.module())).map_err(|error| error.to_string())?;
+        if self.spec_constants().is_empty() {
+            return Ok(words);
+        }
+        specialize(&words, &features.to_array()).map_err(|error| error.to_string())
     }
 
     /// Ids of the specialisation constants that it has.
@@ -242,11 +270,13 @@ impl Kernel {
                 ADAPTIVE,
                 INSTANCES,
             ],
-            Kernel::HeightPyramid => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::HeightPyramid | Kernel::DistanceColumns => &[HEIGHT_FORMAT, HEIGHT_WRAP],
+            Kernel::DistanceMap => &[HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => {
-                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
+                &[METHOD, SHADE, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
             }
+            Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
         }
     }
@@ -365,16 +395,12 @@ fn compile(
     features: Features,
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let device = layout.device();
-    let module = shader_module(device, kernel)?;
+    let module = shader_module(device, kernel, features)?;
     let name = CString::new(kernel.entry_point()).unwrap_or_default();
-    let constants = features.to_array();
-    let entries = specialization_entries(kernel);
-    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytes_of(&constants));
     let stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
-        .name(&name)
-        .specialization_info(&specialization);
+        .name(&name);
     let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage);
     // SAFETY: module and layout are of this device, and `info` lives through the call.
     let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
@@ -383,24 +409,19 @@ fn compile(
     Owned::new(device, "compiling a kernel", made)
 }
 
-fn shader_module(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::ShaderModule>, BackendError> {
-    // The bytes of a file have no alignment; words do.
-    let words = ash::util::read_spv(&mut Cursor::new(kernel.module())).map_err(|error| {
-        tracing::error!("the built-in kernel {} is damaged: {error}", kernel.entry_point());
+fn shader_module(
+    device: &Arc<Device>,
+    kernel: Kernel,
+    features: Features,
+) -> Result<Owned<vk::ShaderModule>, BackendError> {
+    let words = kernel.specialized(features).map_err(|reason| {
+        tracing::error!("the built-in kernel {} is damaged: {reason}", kernel.entry_point());
         BackendError::Vulkan { what: "reading the kernels", source: vk::Result::ERROR_INITIALIZATION_FAILED }
     })?;
     let info = vk::ShaderModuleCreateInfo::default().code(&words);
-    // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted.
+    // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted, specialised.
     let made = unsafe { device.raw().create_shader_module(&info, None) };
     Owned::new(device, "creating the shader module", made)
-}
-
-/// The kernel's constants. Constant `id` is word number `id` of the features. Vulkan would ignore other ids, but the
-/// validation layers specialise and validate a module anew where there is any.
-fn specialization_entries(kernel: Kernel) -> Vec<vk::SpecializationMapEntry> {
-    let size = size_of::<u32>();
-    let entry = |&id| vk::SpecializationMapEntry { constant_id: id, offset: id * small(size), size };
-    kernel.spec_constants().iter().map(entry).collect()
 }
 
 fn descriptor_pool(device: &Arc<Device>, kernel: Kernel) -> Result<Owned<vk::DescriptorPool>, BackendError> {
@@ -441,15 +462,6 @@ mod tests {
     fn no_kernel_binds_more_than_is_asked_of_a_device() {
         let most = Kernel::ALL.iter().map(|kernel| kernel.bindings().len()).max();
         assert_eq!(most, Some(MOST_BINDINGS as usize));
-    }
-
-    #[test]
-    fn constants_lie_at_the_words_of_their_ids() {
-        let entries = specialization_entries(Kernel::Render);
-        let features = Features { color_wrap: 7, ..Features::default() };
-        let entry = entries.iter().find(|entry| entry.constant_id == spec::COLOR_WRAP).unwrap();
-        let words = features.to_array();
-        assert_eq!(words[entry.offset as usize / 4], 7);
     }
 
     /// The numbers in a JSON array, or those that the keys of an object are.

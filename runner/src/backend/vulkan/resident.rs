@@ -6,20 +6,23 @@ use super::commands::Commands;
 use super::device::Device;
 use super::transfers::Transfers;
 use crate::backend::{
-    BackendError, SceneBuffers, check_displacements, check_features, check_lights, with_displacements,
-    with_view,
+    BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, is_stored,
+    micro_vertices, tree_primitives, with_displacements, with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
 use emboss_kernels::interface::{
     BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, PointLight, binding, counter,
 };
+use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
 use std::sync::Arc;
 
 /// What a user can do about a model that is too large.
 const SMALLER_MODEL: &str = "use a model of fewer triangles, or --backend cpu";
+/// What a user can do about too many micro-triangles.
+const SMALLER_TESSELLATION: &str = "use a smaller N, or --method quadtree, which stores no micro-triangles";
 /// What a user can do about a map that is too large.
 const SMALLER_MAP: &str = "scale the map down, or use --backend cpu";
 /// What a user can do about a film that is too large.
@@ -29,10 +32,12 @@ const SMALLER_SCENE: &str =
     "use smaller maps, a model of fewer triangles or a smaller --size, or --backend cpu";
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
-/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`] and [`binding::NORMAL_TEXELS`], which live as long as the scene.
+/// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`], [`binding::NORMAL_TEXELS`],
+/// [`binding::MICRO_VERTICES`] and
+/// [`binding::DISTANCES`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last six: the boxes, the materials, the tangents, the texels' sizes, the instances, the
-    /// normal maps.
+    /// By binding, but for the last nine: the boxes, the materials, the tangents, the texels' sizes, the instances, the
+    /// normal maps, the micro-vertices, the distance maps and the boxes of micro-triangles.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -52,9 +57,14 @@ fn place_of(binding: u32) -> usize {
         binding::TEXEL_SCALES => binding::COUNTERS as usize + 4,
         binding::INSTANCES => binding::COUNTERS as usize + 5,
         binding::NORMAL_TEXELS => binding::COUNTERS as usize + 6,
+        binding::MICRO_VERTICES => binding::COUNTERS as usize + 7,
+        binding::DISTANCES => binding::COUNTERS as usize + 8,
         _ => binding as usize,
     }
 }
+
+/// Where the boxes of micro-triangles stand there.
+const MICRO_BOXES: usize = binding::COUNTERS as usize + 9;
 
 /// What one of the buffers holds at first.
 struct Content<'a> {
@@ -75,7 +85,7 @@ impl Resident {
         frame: &Frame,
         features: Features,
     ) -> Result<Self, BackendError> {
-        let contents = contents(scene, frame);
+        let contents = contents(scene, frame, features);
         require_room_for_all(device, &contents)?;
         let buffers: Vec<_> = contents
             .iter()
@@ -94,7 +104,10 @@ impl Resident {
             // A buffer holds them.
             seams: u32::try_from(seams).unwrap_or(u32::MAX),
             // Trees of instances' meshes have their own while they are built.
-            tree: TreeState::new(device, if scene.instances.is_empty() { frame.triangle_count } else { 0 })?,
+            tree: TreeState::new(
+                device,
+                if scene.instances.is_empty() { tree_primitives(frame, features) } else { 0 },
+            )?,
         })
     }
 
@@ -188,10 +201,27 @@ impl Resident {
         &self.instances
     }
 
-    /// The tree over the triangles, where there are no instances.
+    /// The boxes of micro-triangles.
+    pub(super) fn micro_boxes(&self) -> &Buffer {
+        &self.buffers[MICRO_BOXES]
+    }
+
+    /// How many distance maps there are.
+    pub(super) fn distance_maps(&self) -> u32 {
+        distance_maps(self.displacements.len(), self.features)
+    }
+
+    /// How many micro-vertices, and how many micro-triangles are stored.
+    pub(super) fn stored(&self) -> [u32; 2] {
+        let micro_triangles =
+            if is_stored(self.features) { tree_primitives(&self.frame, self.features) } else { 0 };
+        [micro_vertices(&self.frame, self.features), micro_triangles]
+    }
+
+    /// The tree over the triangles or micro-triangles, where there are no instances.
     pub(super) fn tree(&self) -> Tree<'_> {
         Tree {
-            boxes: self.buffer(binding::BOXES),
+            boxes: if is_stored(self.features) { self.micro_boxes() } else { self.buffer(binding::BOXES) },
             nodes: self.buffer(binding::NODES),
             primitives: self.buffer(binding::PRIMITIVES),
             state: &self.tree,
@@ -225,20 +255,29 @@ impl Content<'_> {
 }
 
 /// What each buffer holds, in the order of [`place_of`].
-fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; binding::COUNTERS as usize + 7] {
+fn contents<'a>(
+    scene: &'a SceneBuffers,
+    frame: &'a Frame,
+    features: Features,
+) -> [Content<'a>; MICRO_BOXES + 1] {
     let triangles = u64::from(frame.triangle_count);
     // What nothing traces was not checked, and has no pyramids.
     let pyramid_words = if triangles == 0 { 0 } else { scene.pyramid_words() };
-    // A leaf for each triangle, and the inner nodes between them.
-    let one_tree = (2 * triangles).saturating_sub(1);
+    // A leaf for each triangle or micro-triangle, and the inner nodes between them.
+    let primitives = u64::from(tree_primitives(frame, features));
+    let one_tree = (2 * primitives).saturating_sub(1);
+    let smaller_tree = if is_stored(features) { SMALLER_TESSELLATION } else { SMALLER_MODEL };
+    let micro_floats = 3 * u64::from(micro_vertices(frame, features));
+    let distances = u64::from(distance_maps(scene.displacements.len(), features)) * u64::from(WORDS);
+    let micro_boxes = if is_stored(features) { 6 * primitives } else { 0 };
     let nodes = one_tree.max(instances::node_room(&scene.instances).into());
     let [(_, film), (_, picture)] = film_contents(frame);
     [
         uploaded("the frame", SMALLER_SCENE, bytes_of(frame)),
         uploaded("the vertices", SMALLER_MODEL, cast_slice(&scene.vertices)),
         uploaded("the triangles", SMALLER_MODEL, cast_slice(&scene.triangles)),
-        zeros("the BVH", SMALLER_MODEL, nodes, size_of::<BvhNode>()),
-        zeros("the BVH's primitives", SMALLER_MODEL, triangles, size_of::<u32>()),
+        zeros("the BVH", smaller_tree, nodes, size_of::<BvhNode>()),
+        zeros("the BVH's primitives", smaller_tree, primitives, size_of::<u32>()),
         uploaded("the height maps' settings", SMALLER_SCENE, cast_slice(&scene.displacements)),
         uploaded("the height maps", SMALLER_MAP, cast_slice(&scene.height_texels)),
         zeros("the height maps' pyramids", SMALLER_MAP, pyramid_words, size_of::<u32>()),
@@ -255,6 +294,9 @@ fn contents<'a>(scene: &'a SceneBuffers, frame: &'a Frame) -> [Content<'a>; bind
         uploaded("the sizes of texels", SMALLER_MODEL, cast_slice(&scene.texel_scales)),
         uploaded("the instances", "use fewer instances, or --backend cpu", cast_slice(&scene.instances)),
         uploaded("the normal maps", SMALLER_MAP, cast_slice(&scene.normal_texels)),
+        zeros("the micro-vertices", SMALLER_TESSELLATION, micro_floats, size_of::<f32>()),
+        zeros("the distance maps", "use fewer maps, or --method pyramid", distances, size_of::<f32>()),
+        zeros("the micro-triangles' boxes", SMALLER_TESSELLATION, micro_boxes, size_of::<f32>()),
     ]
 }
 
@@ -295,7 +337,7 @@ fn require_room_for_all(device: &Device, contents: &[Content<'_>]) -> Result<(),
 #[cfg(test)]
 mod tests {
     use super::*;
-    use emboss_kernels::interface::{Material, Tangent, TexelScale};
+    use emboss_kernels::interface::{Material, Tangent, TexelScale, method};
 
     #[test]
     fn contents_stand_at_their_bindings() {
@@ -309,7 +351,7 @@ mod tests {
             ..Default::default()
         };
         let frame = Frame { width: 7, height: 3, triangle_count: 4, ..Frame::default() };
-        let contents = contents(&scene, &frame);
+        let contents = contents(&scene, &frame, Features::default());
         let bytes = |binding: u32| contents[place_of(binding)].bytes;
         assert_eq!(bytes(binding::FRAME), size_of::<Frame>() as u64);
         assert_eq!(bytes(binding::HEIGHT_TEXELS), 12);
@@ -325,12 +367,33 @@ mod tests {
         assert_eq!(bytes(binding::FILM), 7 * 3 * 20);
         assert_eq!(bytes(binding::PICTURE), 7 * 3 * 16);
         assert_eq!(bytes(binding::COUNTERS), 8 * counter::COUNT as u64);
+        assert_eq!((bytes(binding::MICRO_VERTICES), contents[MICRO_BOXES].bytes), (0, 0));
+        assert_eq!(bytes(binding::DISTANCES), 0);
+        let features = Features { method: method::SPHERE, ..Features::default() };
+        let contents = super::contents(&scene, &frame, features);
+        assert_eq!(contents[place_of(binding::DISTANCES)].bytes, u64::from(WORDS) * 4);
+    }
+
+    /// Four triangles of nine micro-triangles and ten micro-vertices.
+    #[test]
+    fn a_tessellation_has_its_buffers() {
+        let frame = Frame { triangle_count: 4, subdivisions: 3, ..Frame::default() };
+        let features = Features { method: method::TESSELLATE, ..Features::default() };
+        let scene = SceneBuffers::default();
+        let contents = contents(&scene, &frame, features);
+        let bytes = |binding: u32| contents[place_of(binding)].bytes;
+        assert_eq!(bytes(binding::NODES), 71 * 32);
+        assert_eq!(bytes(binding::PRIMITIVES), 36 * 4);
+        assert_eq!(bytes(binding::BOXES), 4 * 24);
+        assert_eq!(bytes(binding::MICRO_VERTICES), 40 * 12);
+        assert_eq!(contents[MICRO_BOXES].bytes, 36 * 24);
     }
 
     #[test]
     fn sizes_beyond_any_memory_saturate() {
         let frame = Frame { width: u32::MAX, height: u32::MAX, ..Frame::default() };
-        let contents = contents(&SceneBuffers::default(), &frame).map(|content| content.bytes);
+        let contents =
+            contents(&SceneBuffers::default(), &frame, Features::default()).map(|content| content.bytes);
         assert_eq!(contents[binding::FILM as usize], u64::MAX);
     }
 }

@@ -1,0 +1,333 @@
+//! The methods that follow rays through stored surfaces, prisms and fields of distances, against the exact one and closed
+//! forms.
+
+use bytemuck::bytes_of;
+use emboss::backend::cpu::CpuBackend;
+use emboss::backend::{Backend, BackendError};
+use emboss::render::Scene;
+use emboss::scene::{HeightMap, Material, Mesh, Relief};
+use emboss::settings::{Method, Normals, Settings, Weld, Wrap};
+use emboss_kernels::bvh::traverse::{Query, traverse};
+use emboss_kernels::counters::Counts;
+use emboss_kernels::hit::Hit;
+use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format, method};
+use emboss_kernels::ray::TraversalRay;
+use emboss_kernels::scene::Features;
+use emboss_tests::compare::rendered;
+use emboss_tests::scenes::{self, ReadyJob, VECTORS, builtin_scene};
+use emboss_tests::{Numbers, RaySource};
+use glam::Vec3;
+
+/// So many rays of each kind, as `builtin.rs` has them.
+fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
+    let mut source = RaySource::new(job, seed);
+    let five = |_| {
+        [
+            source.from_outside(),
+            source.from_inside(),
+            source.grazing(),
+            source.along_normal(),
+            source.towards_edge(3.0),
+        ]
+    };
+    (0..of_each).flat_map(five).collect()
+}
+
+/// The job by another method, with what the host makes of it.
+fn by(job: &ReadyJob, method: Method) -> ReadyJob {
+    let features = Features { method: method.id(), ..job.features };
+    job.with_features(features)
+}
+
+/// Panics unless both jobs give one answer to each ray, bit for bit; and to shadow rays that leave the hits.
+fn assert_same_hits(exact: &ReadyJob, other: &ReadyJob, seed: u64, of_each: usize) {
+    let mut answers = CpuBackend::new();
+    let mut trace = |job: &ReadyJob, rays: &[Ray]| -> Vec<Intersection> {
+        answers.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+        answers.trace_rays(rays).expect("the CPU does not fail")
+    };
+    let first = rays(exact, seed, of_each);
+    let (expected, found) = (trace(exact, &first), trace(other, &first));
+    let n = exact.frame.subdivisions;
+    for ((ray, expected), found) in first.iter().zip(&expected).zip(&found) {
+        assert_eq!(bytes_of(expected), bytes_of(found), "N = {n}: {ray:?}\n{expected:?}\n{found:?}");
+    }
+    let hits = expected.iter().filter(|hit| hit.primitive != MISS);
+    assert!(4 * hits.clone().count() > first.len(), "N = {n}: too few hits for a test");
+    let mut numbers = Numbers::new(seed);
+    let (exact_view, other_view) = (exact.view(), other.view());
+    for hit in hits {
+        // As shadow rays: from the point itself, which only the micro-triangle that is left keeps from being hit.
+        let left = Hit { primitive: hit.primitive, cell: hit.cell, ..Hit::NONE };
+        let ray = TraversalRay::new(hit.point, numbers.direction(), f32::INFINITY).leaving(left);
+        let [nearest, found] = [(exact_view, exact.features), (other_view, other.features)]
+            .map(|(view, features)| traverse(&view, features, &ray, Query::Nearest, &mut Counts::default()));
+        assert_eq!(nearest, found, "N = {n}, leaving: {ray:?}");
+        let any = traverse(&other_view, other.features, &ray, Query::Any, &mut Counts::default());
+        assert_eq!(any.is_some(), nearest.is_some(), "N = {n}, any: {ray:?}");
+    }
+}
+
+#[test]
+fn tessellate_is_quadtree_on_the_built_in_scenes() {
+    for name in ["builtin:cube", "builtin:quilt", "builtin:knot"] {
+        for (n, of_each) in [(1, 400), (3, 400), (8, 400), (17, 400), (64, 200)] {
+            // 64 on the knot is ten million.
+            let n = if name == "builtin:knot" && n == 64 { 24 } else { n };
+            let exact = scenes::ready(Scene { subdivisions: n, ..scenes::builtin(name) }, Wrap::Repeat);
+            assert_same_hits(&exact, &by(&exact, Method::Tessellate), u64::from(n), of_each);
+        }
+    }
+}
+
+/// Vectors in both spaces, linear directions, cracked seams.
+#[test]
+fn tessellate_is_quadtree_under_vectors_and_without_seams() {
+    let settings = Settings { width: 1, height: 1, ..Settings::default() };
+    for displacement in VECTORS {
+        let exact = scenes::job(scenes::mushroom(9), &Settings { displacement, ..settings.clone() });
+        assert_same_hits(&exact, &by(&exact, Method::Tessellate), 5, 300);
+    }
+    let settings = Settings { normals: Normals::Linear, weld: Weld::Off, ..settings };
+    let exact = scenes::job(Scene { subdivisions: 6, ..scenes::builtin("builtin:cube") }, &settings);
+    assert_same_hits(&exact, &by(&exact, Method::Tessellate), 6, 300);
+}
+
+/// Pictures with shadows, and after heights have changed.
+#[test]
+fn tessellate_paints_the_picture_of_the_quadtree() {
+    let (scene, settings) = builtin_scene("builtin:cube", 8, 64, 48);
+    let settings = Settings { shadows: true, ..settings };
+    let exact = scenes::job(scene.clone(), &settings);
+    let stored = by(&exact, Method::Tessellate);
+    let mut backend = CpuBackend::new();
+    let picture = rendered(&mut backend, &exact, 2);
+    assert!(rendered(&mut backend, &stored, 2) == picture);
+    for scale in [0.3, 0.301, 0.0, -0.2] {
+        let mut moved = scene.clone();
+        moved.reliefs[0].scale = scale;
+        let mut other = (*scenes::job(moved, &settings)).clone();
+        (other.frame.camera, other.frame.light_count) = (exact.frame.camera, exact.frame.light_count);
+        other.buffers.lights.clone_from(&exact.buffers.lights);
+        backend.load(&stored.buffers, &stored.frame, stored.features).expect("fits");
+        backend.set_displacements(&other.buffers.displacements).expect("heights alone");
+        let seen =
+            emboss::render::render(&mut backend, &stored, 2, &mut |_| std::ops::ControlFlow::Continue(()));
+        let seen = seen.expect("the CPU does not fail").picture;
+        assert!(seen == rendered(&mut backend, &other, 2), "scale {scale}");
+        assert!(seen != picture);
+    }
+}
+
+// --- Methods that follow the bilinear height field ---------------------------------------------------------------
+
+/// Texels of the smooth map a side.
+const SIDE: u16 = 256;
+/// Its greatest height.
+const TOP: f64 = 0.15;
+
+/// Waves that repeat: three of them a side, lower ones across.
+fn texel(x: u16, y: u16) -> f32 {
+    let turn = |i: u16, waves: f64| (std::f64::consts::TAU * waves * f64::from(i) / f64::from(SIDE)).sin();
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+    let texel = (0.5 + 0.25 * turn(x, 3.0) + 0.25 * turn(y, 2.0) * turn(x, 1.0)) as f32;
+    texel
+}
+
+/// The square [0, 1]² in the plane z = 0 under the waves, whose texture coordinates are x and y.
+fn waves(n: u32) -> Scene {
+    let corner = |x: f32, y: f32| Vertex { position: Vec3::new(x, y, 0.0), normal: Vec3::Z, u: x, v: y };
+    let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+    // The first row is the top one.
+    let texels = (0..SIDE).rev().flat_map(|y| (0..SIDE).map(move |x| texel(x, y).to_bits())).collect();
+    let (side, format) = (u32::from(SIDE), height_format::FLOAT32);
+    let map = HeightMap { width: side, height: side, format, texels, range: (0.0, 1.0), replaced: 0 };
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+    let relief = Relief::new(map, 0.0, TOP as f32);
+    Scene {
+        mesh: Mesh::from_triangles(&corners, &[[0, 1, 2], [0, 2, 3]]),
+        reliefs: vec![relief],
+        materials: vec![Material::default()],
+        parts: vec![],
+        subdivisions: n,
+    }
+}
+
+/// The waves in `f64`.
+struct Waves(Vec<f64>);
+
+impl Waves {
+    fn new() -> Waves {
+        Waves((0..SIDE).flat_map(|y| (0..SIDE).map(move |x| f64::from(texel(x, y)))).collect())
+    }
+
+    /// The bilinear height.
+    fn height(&self, x: f64, y: f64) -> f64 {
+        let side = f64::from(SIDE);
+        let (x, y) = (x * side - 0.5, y * side - 0.5);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a texel of the map")]
+        let at = |i: f64, j: f64| self.0[(j.rem_euclid(side) * side + i.rem_euclid(side)) as usize];
+        let (i, j) = (x.floor(), y.floor());
+        let (s, t) = (x - i, y - j);
+        let row = |j: f64| at(i, j) * (1.0 - s) + at(i + 1.0, j) * s;
+        TOP * (row(j) * (1.0 - t) + row(j + 1.0) * t)
+    }
+
+    /// Where the ray first meets the waves over the whole plane: 3,000 steps between the greatest and the least height, a
+    /// tenth of a texel each at most, and bisection.
+    fn first_crossing(&self, ray: &Ray) -> f64 {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let above = |t: f64| {
+            let p = o + d * t;
+            p.z - self.height(p.x, p.y)
+        };
+        let (near, far) = ((TOP - o.z) / d.z, -o.z / d.z);
+        let step = (far - near) / 3_000.0;
+        let mut low = near;
+        while above(low + step) > 0.0 && low < far {
+            low += step;
+        }
+        let mut high = low + step;
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if above(middle) > 0.0 { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
+}
+
+/// Rays from above, at 6 to 40 degrees, that meet the plane and the waves well within the square, each with where that is.
+fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
+    let (waves, mut numbers) = (Waves::new(), Numbers::new(12));
+    let mut rays = Vec::new();
+    while rays.len() < count {
+        let target = Vec3::new(numbers.between(0.2, 0.8), numbers.between(0.2, 0.8), 0.0);
+        let angle = numbers.between(0.0, std::f32::consts::TAU);
+        let slope = numbers.between(0.1, 0.8);
+        let direction = Vec3::new(angle.cos(), angle.sin(), -slope).normalize();
+        let ray = Ray { origin: target - direction * 2.0, t_max: 10.0, direction, padding: 0 };
+        let t = waves.first_crossing(&ray);
+        let p = ray.origin.as_dvec3() + ray.direction.as_dvec3() * t;
+        if p.x.min(p.y) > 0.05 && p.x.max(p.y) < 0.95 {
+            rays.push((ray, t));
+        }
+    }
+    rays
+}
+
+/// The share of rays for which a method finds another place than the first crossing: more than 10^-5 away, which is ten times what
+/// rounding makes of a distance of 2 where the ray and the waves are at least a few degrees apart.
+fn share_wrong(method: Method, n: u32, rays: &[(Ray, f64)]) -> f64 {
+    share_far(method, n, rays, 1e-5)
+}
+
+/// The share of rays for which a method finds a place more than `far` from the first crossing.
+fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
+    let settings = Settings { method, width: 1, height: 1, ..Settings::default() };
+    let job = scenes::job(waves(n), &settings);
+    let mut backend = CpuBackend::new();
+    backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+    let only_rays: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
+    let hits = backend.trace_rays(&only_rays).expect("the CPU does not fail");
+    let is_wrong = |(hit, (_, t)): &(&Intersection, &(Ray, f64))| !((f64::from(hit.t) - t).abs() < far);
+    hits.iter().zip(rays).filter(is_wrong).count() as f64 / rays.len() as f64
+}
+
+/// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
+/// radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. That holds while a step is longer than a texel:
+/// below that crests are wedges. All other rays are where they should be, whatever N.
+#[test]
+fn inverse_misses_less_with_the_square_of_n() {
+    let rays = rays_to_waves(20_000);
+    let shares = [8, 16, 32].map(|n| share_wrong(Method::Inverse, n, &rays));
+    println!("inverse, N = 8, 16, 32: {shares:?}");
+    for pair in shares.windows(2) {
+        // 4, less what chance makes of some dozens.
+        assert!(pair[0] > 2.5 * pair[1], "{shares:?}");
+    }
+    assert!(shares[0] > 0.001 && shares[0] > 8.0 * shares[2], "{shares:?}");
+}
+
+/// Its hits are those of bilinear patches; N only says when it gives up: the share of rays that are not done falls, and there
+/// is none once N is enough.
+#[test]
+fn pyramid_finds_each_first_crossing_once_n_is_enough() {
+    let rays = rays_to_waves(5_000);
+    let shares = [2, 4, 8, 16].map(|n| share_wrong(Method::Pyramid, n, &rays));
+    println!("pyramid, N = 2, 4, 8, 16: {shares:?}");
+    assert!(shares.is_sorted_by(|a, b| a >= b) && shares[0] > 0.1, "{shares:?}");
+    // A ray that grazes a crest by less than rounding may pass it.
+    assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
+}
+
+/// Nearly all of its hits are right once no ray gives up; what is left are crests thinner along the ray than its least step, 1/512 of
+/// the map. While rays give up, each doubling of N leaves less than half of them: steps grow with the distance from the relief.
+#[test]
+fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
+    let rays = rays_to_waves(5_000);
+    let shares = [8, 16, 32, 128].map(|n| share_far(Method::Sphere, n, &rays, 1e-3));
+    println!("sphere, N = 8, 16, 32, 128: {shares:?}");
+    assert!(shares[0] > 0.2 && shares.windows(2).all(|pair| pair[0] >= 2.0 * pair[1]), "{shares:?}");
+    assert!(shares[3] < 0.002, "{shares:?}");
+}
+
+/// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen to a
+/// texel, these are off by less than a patch bends in a cell.
+#[test]
+fn the_quadtree_comes_to_the_same_places() {
+    let rays = rays_to_waves(2_000);
+    // What is off in height by up to 10^-5 is off by some ten times that along a ray that grazes.
+    let share = share_far(Method::Quadtree, 512, &rays, 1e-3);
+    assert!(share < 0.005, "{share}");
+}
+
+/// Without height all show the base mesh: hits to within rounding, and the very silhouette.
+#[test]
+fn flat_maps_show_the_base_mesh() {
+    let mut scene = scenes::builtin("builtin:cube");
+    (scene.reliefs[0].scale, scene.subdivisions) = (0.0, 4);
+    let settings = Settings { width: 1, height: 1, method: Method::None, ..Settings::default() };
+    let flat = scenes::job(scene.clone(), &settings);
+    let mut source = RaySource::new(&flat, 3);
+    let rays: Vec<Ray> = (0..1000).flat_map(|_| [source.from_outside(), source.towards_edge(3.0)]).collect();
+    let mut backend = CpuBackend::new();
+    let mut traced = |method: Method| {
+        let job = scenes::job(scene.clone(), &Settings { method, ..settings.clone() });
+        backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+        backend.trace_rays(&rays).expect("the CPU does not fail")
+    };
+    let expected = traced(Method::None);
+    for method in [Method::Tessellate, Method::Inverse, Method::Pyramid, Method::Sphere] {
+        let found = traced(method);
+        let differs = |(a, b): &(&Intersection, &Intersection)| {
+            let same_t = a.t == b.t || (a.t - b.t).abs() < 1e-4;
+            (a.primitive == MISS) != (b.primitive == MISS) || !same_t
+        };
+        let differing = expected.iter().zip(&found).filter(differs).count();
+        // Some rays towards edges pass by them within rounding, on one side or on the other.
+        assert!(differing * 500 <= rays.len(), "{method}: {differing} of {}", rays.len());
+    }
+}
+
+#[test]
+fn what_cannot_be_stored_is_refused() {
+    let scene = Scene { subdivisions: 4096, ..scenes::builtin("builtin:cube") };
+    let settings = Settings { method: Method::Tessellate, width: 1, height: 1, ..Settings::default() };
+    let job = emboss::render::prepare(scene, &settings).expect("sound maps");
+    let error = CpuBackend::new().load(&job.buffers, &job.frame, job.features).expect_err("too many");
+    let triangles = job.frame.triangle_count;
+    assert!(matches!(error, BackendError::TooManyMicroTriangles { .. }), "{error}");
+    let most = (f64::from(emboss_kernels::interface::MAX_PRIMITIVES) / f64::from(triangles)).sqrt().floor();
+    assert!(error.to_string().contains(&format!("use N = {most} or less, or --method quadtree")), "{error}");
+
+    let auto = Settings { adaptive: Some(1.0), ..settings.clone() };
+    let error = emboss::render::prepare(scenes::builtin("builtin:cube"), &auto).expect_err("auto");
+    assert!(error.to_string().contains("N is auto"), "{error}");
+
+    // What is stored is for one method.
+    let exact = scenes::ready(scenes::builtin("builtin:cube"), Wrap::Repeat);
+    let mut backend = CpuBackend::new();
+    backend.load(&exact.buffers, &exact.frame, exact.features).expect("fits");
+    let features = Features { method: method::TESSELLATE, ..exact.features };
+    assert!(backend.set_features(features).expect_err("not built").to_string().contains("another scene"));
+}
