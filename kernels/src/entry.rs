@@ -358,6 +358,7 @@ pub fn prism_bounds(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 0, default = 3))] method: u32,
+    #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
     #[spirv(spec_constant(id = 8, default = 0))] normals: u32,
@@ -389,6 +390,7 @@ pub fn prism_bounds(
         let i = batch.first + id.x;
         let features = Features {
             method,
+            shade,
             height_format,
             height_wrap,
             normals,

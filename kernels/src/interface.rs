@@ -205,6 +205,19 @@ pub mod method {
         method == NONE || is_image_space(method)
     }
 
+    /// What the boxes of triangles hold for a method and a [`shade`](super::shade): 0 what is displaced (where nothing is to be,
+    /// the host's heights are 0), 1 the base triangles, 2 both.
+    #[inline]
+    pub const fn boxes(method: u32, shade: u32) -> u32 {
+        if shade == super::shade::ERROR && traces_base_mesh(method) {
+            2
+        } else if is_image_space(method) {
+            1
+        } else {
+            0
+        }
+    }
+
     /// Whether a method takes vector displacement, and an N that follows the camera.
     #[inline]
     pub const fn takes_any_scene(method: u32) -> bool {
@@ -261,6 +274,9 @@ pub mod shade {
     pub const CELL: u32 = 4;
     /// Triangles that the primary ray was tested against, from blue (few) to red (many).
     pub const STEPS: u32 = 5;
+    /// By how much the luminance of [`LIT`] differs from that of the exact method, from blue (not at all) over green (1/8 of
+    /// full light) to red (1/4 and more).
+    pub const ERROR: u32 = 6;
 }
 
 /// Values of [`spec::HEIGHT_FORMAT`] and, but for the last one, of [`Displacement::format`].

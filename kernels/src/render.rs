@@ -3,12 +3,12 @@
 use crate::bvh::traverse::{Query, traverse};
 use crate::counters::Counts;
 use crate::film::Sample;
-use crate::interface::{Intersection, MISS, Ray, method};
+use crate::interface::{Intersection, MISS, Ray, method, shade};
 use crate::lighting::DirectLighting;
 use crate::ray::TraversalRay;
 use crate::sampler::sample_2d;
 use crate::scene::{Features, SceneView};
-use crate::shading::{SurfaceInteraction, shade_hit};
+use crate::shading::{SurfaceInteraction, error_shown, shade_hit};
 use glam::{Vec2, Vec3};
 
 /// Sample number `sample` of pixel (x, y): one jittered camera ray, shaded. Nothing is hit: zero, transparent.
@@ -30,6 +30,8 @@ pub fn sample_pixel(
 }
 
 /// What a primary ray shows. Nothing is hit: zero, transparent.
+///
+/// For [`shade::ERROR`] it is followed twice, by the method that the features name and by the exact one.
 #[inline]
 pub fn sample_ray(
     scene: &SceneView<'_>,
@@ -41,25 +43,43 @@ pub fn sample_ray(
     let mut query = Query::Nearest;
     let mut lighting = DirectLighting::unlit(Vec3::ZERO);
     let mut alpha = 0.0;
+    let shows_error = features.shade == shade::ERROR;
+    let mut is_exact = false;
+    let mut by_method = Sample::default();
     counts.primary_rays += 1;
-    // The primary ray, then a shadow ray a turn. Left from its end: see `texture.rs`.
+    // The primary ray, then a shadow ray a turn; to show errors both once more. Left from its end: see `texture.rs`.
     loop {
-        let hit = traverse(scene, features, &ray, query, counts);
+        // What is stored has a tree of its own, and is exact.
+        let other = shows_error && is_exact && features.method != method::TESSELLATE;
+        let method = if other { method::QUADTREE } else { features.method };
+        let by = Features { method, ..features };
+        let hit = traverse(scene, by, &ray, query, counts);
         if query == Query::Any {
-            lighting.add_unless_occluded(scene, features, hit);
+            lighting.add_unless_occluded(scene, by, hit);
         } else if hit.is_some() {
             counts.hits += 1;
-            lighting = shade_hit(scene, features, &ray, hit, counts.triangles);
+            lighting = shade_hit(scene, by, &ray, hit, counts.triangles);
             alpha = 1.0;
         }
-        let (shadow_ray, found) = lighting.next_shadow_ray(scene, features, counts);
-        if features.shadows == 0 || !found {
-            break;
-        }
+        let (shadow_ray, found) = lighting.next_shadow_ray(scene, by, counts);
+        let goes_on = features.shadows != 0 && found;
+        let again = shows_error && !is_exact && !goes_on;
         ray = shadow_ray;
         query = Query::Any;
+        if again {
+            by_method = Sample { radiance: lighting.radiance(), alpha };
+            is_exact = true;
+            ray = primary_ray;
+            query = Query::Nearest;
+            lighting = DirectLighting::unlit(Vec3::ZERO);
+            alpha = 0.0;
+        }
+        if !goes_on && !again {
+            break;
+        }
     }
-    Sample { radiance: lighting.radiance(), alpha }
+    let sample = Sample { radiance: lighting.radiance(), alpha };
+    if shows_error { error_shown(by_method, sample) } else { sample }
 }
 
 /// The nearest hit of a ray, with everything a shader needs to know of it.

@@ -4,6 +4,7 @@ use crate::barycentric::interpolate;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::vector;
+use crate::film::Sample;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::lighting::DirectLighting;
@@ -253,6 +254,18 @@ fn cell_color(hit: Hit) -> Vec3 {
     Vec3::new(channel(bits.x), channel(bits.y), channel(bits.z))
 }
 
+/// Two samples' difference as [`shade::ERROR`] shows it: of luminances (Rec. 709), where nothing is hit black; transparent where
+/// neither hits.
+#[inline]
+pub fn error_shown(a: Sample, b: Sample) -> Sample {
+    let difference = dot(a.radiance - b.radiance, Vec3::new(0.2126, 0.7152, 0.0722)).abs();
+    let alpha = a.alpha.max(b.alpha);
+    Sample { radiance: heat(difference / RED_ERROR) * alpha, alpha }
+}
+
+/// The difference that is shown red: a quarter of full light.
+const RED_ERROR: f32 = 0.25;
+
 /// Blue at 0, green at a half, red at 1 and above.
 #[inline]
 fn heat(x: f32) -> Vec3 {
@@ -264,7 +277,6 @@ fn heat(x: f32) -> Vec3 {
 mod tests {
     use super::*;
     use crate::counters::Counts;
-    use crate::film::Sample;
     use crate::interface::{MISS, Material, Ray};
     use crate::render::{sample_pixel, trace_ray};
     use crate::test_scene::{FLAT, TestScene};

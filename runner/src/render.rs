@@ -292,11 +292,11 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         settings.displacement == DisplacementKind::Tangent || normal_maps::needs_tangents(settings);
     let tangents = if along_tangents { mesh.split_by_tangents() } else { Vec::new() };
     let seams = match settings.weld {
-        Weld::On if !method.is_image_space() => SeamTable::find(&mut mesh, settings.displacement),
+        // Nothing that methods in image space do needs them.
+        Weld::On if settings.boxes() != 1 => SeamTable::find(&mut mesh, settings.displacement),
         Weld::On | Weld::Off => SeamTable::default(),
     };
-    let displaced = settings.method != Method::None;
-    let reading = Reading { displaced, wrap: settings.wrap, filter: settings.filter };
+    let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),

@@ -125,11 +125,6 @@ impl Method {
         !method::traces_base_mesh(self.id())
     }
 
-    /// Whether it reads a map of its own beside the height map.
-    pub fn has_own_map(self) -> bool {
-        method::has_own_map(self.id())
-    }
-
     /// Whether it takes vector displacement, and an N that follows the camera.
     pub fn takes_any_scene(self) -> bool {
         method::takes_any_scene(self.id())
@@ -377,6 +372,8 @@ pub enum Shade {
     Cell,
     /// Work of the primary ray, from blue (little) to red (much)
     Steps,
+    /// By how much light differs from what the exact method shows: blue not at all, red by a quarter of white and more
+    Error,
 }
 
 impl Shade {
@@ -389,6 +386,7 @@ impl Shade {
             Shade::Uv => shade::UV,
             Shade::Cell => shade::CELL,
             Shade::Steps => shade::STEPS,
+            Shade::Error => shade::ERROR,
         }
     }
 }
@@ -499,6 +497,16 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Whether heights are read at all: without that they are all zero.
+    pub fn displaces(&self) -> bool {
+        self.method != Method::None || self.shade == Shade::Error
+    }
+
+    /// What the boxes of triangles hold: see [`method::boxes`].
+    pub fn boxes(&self) -> u32 {
+        method::boxes(self.method.id(), self.shade.id())
+    }
+
     /// Pixels of a picture. Fits: each side is a `u32`.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)

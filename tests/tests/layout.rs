@@ -346,8 +346,7 @@ fn buffers_have_the_layout_of_the_hosts_structs() {
 
 #[test]
 fn every_binding_of_the_interface_is_used_and_no_other() {
-    // 41 is kept for the texels of normal maps.
-    let expected: BTreeSet<u32> = (0..binding::COUNT).filter(|&number| number != 41).collect();
+    let expected: BTreeSet<u32> = (0..binding::COUNT).collect();
     let used: BTreeSet<u32> = contents().into_values().flat_map(|contents| contents.bindings).collect();
     assert_eq!(used, expected);
     for module in compiled().values() {

@@ -2,15 +2,16 @@
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
+use emboss::framing::View;
 use emboss::render::{RenderError, Scene, prepare};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
-use emboss::settings::{DisplacementKind, Method, Settings};
+use emboss::settings::{DisplacementKind, Light, Method, Settings, Shade};
 use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format};
 use emboss_tests::compare::rendered;
 use emboss_tests::instances::{placed, rotation, world_ray};
 use emboss_tests::scenes::{builtin, builtin_scene, job};
 use emboss_tests::{Numbers, RaySource};
-use glam::{DAffine3, DVec2, DVec3, Vec3};
+use glam::{DAffine3, DVec2, DVec3, Vec3, Vec4};
 use std::f64::consts::TAU;
 
 /// All of them.
@@ -287,4 +288,38 @@ fn maps_made_from_heights_lean_as_these_do() {
             );
         }
     }
+}
+
+/// What [`Shade::Error`] shows of each pixel is the difference of the two pictures that it is named for.
+#[test]
+fn errors_shown_are_differences_from_the_exact_method() {
+    let (scene, settings) = builtin_scene("builtin:cube", 6, 48, 36);
+    // The same for all: boxes differ, by which the camera is placed otherwise.
+    let view =
+        View { eye: Some(Vec3::new(2.5, 2.0, 3.0)), target: Some(Vec3::ZERO), ..settings.view.clone() };
+    let lights = vec![Light { position: Vec3::new(4.0, 6.0, 5.0), color: Vec3::ONE, intensity: Some(60.0) }];
+    let settings = Settings { view, lights, ..settings };
+    let pixels = |method, shade| {
+        let settings = Settings { method, shade, ..settings.clone() };
+        rendered(&mut CpuBackend::new(), &job(scene.clone(), &settings), 1).pixels
+    };
+    let luminance = |pixel: Vec4| pixel.truncate().dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    let exact = pixels(Method::Quadtree, Shade::Lit);
+    for method in [Method::None, Method::Bump, Method::Occlusion, Method::GridWalk] {
+        let (lit, shown) = (pixels(method, Shade::Lit), pixels(method, Shade::Error));
+        let mut differing = 0;
+        for ((lit, exact), shown) in lit.iter().zip(&exact).zip(&shown) {
+            let x = (4.0 * (luminance(*lit) - luminance(*exact)).abs()).min(1.0);
+            let color =
+                Vec3::new((2.0 * x - 1.0).max(0.0), 1.0 - (2.0 * x - 1.0).abs(), (1.0 - 2.0 * x).max(0.0));
+            let alpha = lit.w.max(exact.w);
+            let expected = (color * alpha).extend(alpha);
+            // Eight times the rounding of two luminances below 4.
+            assert!((*shown - expected).abs().max_element() < 1e-5, "{method}: {shown} {expected}");
+            differing += usize::from(x > 0.1);
+        }
+        assert!(method == Method::GridWalk || differing > 100, "{method}: {differing} pixels differ");
+    }
+    let none: Vec<Vec4> = exact.iter().map(|pixel| Vec4::new(0.0, 0.0, pixel.w, pixel.w)).collect();
+    assert_eq!(pixels(Method::Quadtree, Shade::Error), none);
 }

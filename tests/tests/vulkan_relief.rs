@@ -1,7 +1,7 @@
 //! Methods in image space on lavapipe: each makes the CPU's picture. Small ones, since lavapipe compiles each method for
 //! seconds.
 
-use emboss::settings::{Method, Settings};
+use emboss::settings::{Method, Settings, Shade};
 use emboss_tests::compare::{against_cpu, rendered};
 use emboss_tests::scenes::{builtin_scene, job};
 use emboss_tests::{finish, lavapipe};
@@ -10,7 +10,7 @@ use emboss_tests::{finish, lavapipe};
 fn methods_in_image_space_are_alike() {
     let mut backend = lavapipe();
     let (scene, settings) = builtin_scene("builtin:cube", 12, 64, 48);
-    for method in [
+    let lit = [
         Method::Bump,
         Method::BumpOffset,
         Method::NormalMap,
@@ -19,8 +19,10 @@ fn methods_in_image_space_are_alike() {
         Method::Steep,
         Method::Relief,
         Method::Occlusion,
-    ] {
-        let job = job(scene.clone(), &Settings { method, ..settings.clone() });
+    ];
+    let lit = lit.map(|method| (method, Shade::Lit));
+    for (method, shade) in lit.into_iter().chain([(Method::Relief, Shade::Error)]) {
+        let job = job(scene.clone(), &Settings { method, shade, ..settings.clone() });
         let picture = rendered(&mut backend, &job, 1);
         against_cpu(&job, 1, &picture).assert_same(&method.to_string());
         let hit = picture.pixels.iter().filter(|pixel| pixel.w > 0.0).count();

@@ -845,11 +845,12 @@ pub(super) fn component<T: Copy>(v: [T; 3], i: u32) -> T {
 /// corners are infinite, since a box that takes in NaN may be any.
 pub fn prism_bounds(scene: &SceneView<'_>, features: Features, primitive: u32) -> Aabb {
     let base = BaseTriangle::load(scene, primitive);
-    let bounds = if method::is_image_space(features.method) {
-        base.flat_bounds()
-    } else {
-        base.bounds(&HeightField::new(scene, features))
-    };
+    let boxes = method::boxes(features.method, features.shade);
+    let mut bounds = base.flat_bounds();
+    if boxes != 1 {
+        let displaced = base.bounds(&HeightField::new(scene, features));
+        bounds = if boxes == 0 { displaced } else { displaced.including(bounds.min).including(bounds.max) };
+    }
     if base.is_finite() { bounds } else { Aabb::EMPTY }
 }
 

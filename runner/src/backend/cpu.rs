@@ -6,7 +6,7 @@ use crate::bvh::Bvh;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::counters::Counts;
 use emboss_kernels::interface::{
-    Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, counter, method,
+    Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, counter, method, shade,
 };
 use emboss_kernels::probe;
 use emboss_kernels::render::{sample_pixel, trace_ray};
@@ -21,6 +21,8 @@ use std::time::Duration;
 /// Pixels of a tile, a run of the film in row-major order. Small enough that threads end together, large enough that
 /// handing out tiles costs nothing beside tracing them; between 256 and 4096 there is no difference to measure.
 const TILE_PIXELS: usize = 1024;
+/// In the place of a method: the pixel loop that has the code of all.
+const ANY: u32 = u32::MAX;
 /// How long a tile may keep `progress` waiting, which is where Ctrl-C is heard.
 const PATIENCE: Duration = Duration::from_millis(50);
 
@@ -132,7 +134,10 @@ impl Backend for CpuBackend {
         let pass = Pass { scene: self.scene.view(), features, sample };
         // One copy of the pixel loop for each method, so that the compiler leaves out the others' code.
         let film = &mut self.film;
-        let (flow, totals) = match features.method {
+        // Errors are shown of two methods.
+        let method = if features.shade == shade::ERROR { ANY } else { features.method };
+        let (flow, totals) = match method {
+            ANY => pass.run::<ANY>(film, progress),
             method::NONE => pass.run::<{ method::NONE }>(film, progress),
             method::BRUTE_FORCE => pass.run::<{ method::BRUTE_FORCE }>(film, progress),
             method::GRID_WALK => pass.run::<{ method::GRID_WALK }>(film, progress),
@@ -246,7 +251,13 @@ impl Pass<'_> {
 
     /// Adds the sample to the pixels from number `first` on, until it is stopped; returns the work it took.
     fn tile<const METHOD: u32>(self, first: usize, pixels: &mut [FilmPixel], stopped: &AtomicBool) -> Totals {
-        let features = Features { method: METHOD, ..self.features };
+        let features = if METHOD == ANY {
+            self.features
+        } else {
+            // The least does nothing, but to the compiler, which leaves out what shows errors.
+            let shade = self.features.shade.min(shade::ERROR - 1);
+            Features { method: METHOD, shade, ..self.features }
+        };
         let width = self.scene.frame.width as usize;
         let mut totals = Totals::default();
         for (i, pixel) in (first..).zip(pixels) {

@@ -15,7 +15,7 @@ use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{
     Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
     PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
-    displacement_kind, filter, height_format, method, normal_space, wrap,
+    displacement_kind, filter, height_format, method, normal_space, shade, wrap,
 };
 use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::relief::normal_texels::HEADER_WORDS;
@@ -109,7 +109,7 @@ impl SceneBuffers {
         };
         let texel_words = |map: &Displacement| {
             // Where no method displaces levels are not read.
-            let levels = filtered && features.method != method::NONE;
+            let levels = filtered && displaces(features);
             let texels = texels(map.map_width, map.map_height, levels);
             match map.format {
                 height_format::UNORM8 => texels.div_ceil(4),
@@ -205,7 +205,7 @@ impl SceneBuffers {
                 && (wrap == wrap::PER_MAP || wrap == map.color_wrap || map.color_format == color_format::NONE)
         };
         let traced = frame.triangle_count > 0;
-        let displaced = traced && features.method != method::NONE;
+        let displaced = traced && displaces(features);
         let welded = traced && features.seams != 0;
         let adaptive = displaced && features.adaptive != 0;
         let what = if !self.triangles.iter().all(|t| below(&t.vertices, self.vertices.len())) {
@@ -300,10 +300,9 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
     let Features { method, shade, shadows, smooth, counters, .. } = new;
     // Height maps are packed with their levels only where a method displaces. Boxes are those of the surface that rays
     // meet, and methods in image space have no seams.
-    let lacks_levels =
-        loaded.method == method::NONE && method != method::NONE && loaded.filter != filter::BILINEAR;
+    let lacks_levels = !displaces(loaded) && displaces(new) && loaded.filter != filter::BILINEAR;
     let lacks_map = method::has_own_map(method) && method != loaded.method;
-    let other_boxes = method::is_image_space(loaded.method) != method::is_image_space(method);
+    let other_boxes = method::boxes(loaded.method, loaded.shade) != method::boxes(method, shade);
     // Micro-triangles with their tree, or distance maps, are there or not.
     let lacks_store = is_stored(loaded) != is_stored(new) || has_distances(loaded) != has_distances(new);
     let what = if lacks_levels
@@ -360,6 +359,11 @@ fn check_micro_triangles(frame: &Frame, features: Features) -> Result<(), Backen
     let most = (1..=MAX_SUBDIVISIONS).take_while(|&n| fits(n)).last().unwrap_or(0);
     let count = u64::from(triangles) * u64::from(subdivisions).pow(2);
     Err(BackendError::TooManyMicroTriangles { triangles, subdivisions, count, most })
+}
+
+/// Whether heights are read at all.
+fn displaces(features: Features) -> bool {
+    features.method != method::NONE || features.shade == shade::ERROR
 }
 
 /// What is wrong with most methods of vectors.

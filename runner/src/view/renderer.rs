@@ -11,7 +11,7 @@ use crate::framing::{self, Framing};
 use crate::heights::set_heights;
 use crate::picture::{Destination, Picture};
 use crate::render::{Job, RenderError, prepare};
-use crate::settings::{Method, Subdivisions};
+use crate::settings::Subdivisions;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::Frame;
 use emboss_kernels::scene::Features;
@@ -323,7 +323,7 @@ impl Renderer<'_> {
         if new.needs_other_heights(old, &self.loaded.settings) {
             let reliefs = self.loaded.scene.reliefs.iter().map(|relief| new.relief(relief));
             for (displacement, relief) in self.job.buffers.displacements.iter_mut().zip(reliefs) {
-                set_heights(displacement, &relief, settings.method != Method::None);
+                set_heights(displacement, &relief, settings.displaces());
             }
             self.backend.set_displacements(&self.job.buffers.displacements)?;
             self.boxes = self.backend.prism_boxes()?;

@@ -5,7 +5,7 @@ use crate::render::Scene;
 use crate::scene::Relief;
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Shade, Subdivisions, Wrap};
 use clap::ValueEnum;
-use emboss_kernels::interface::MAX_SUBDIVISIONS;
+use emboss_kernels::interface::{MAX_SUBDIVISIONS, method};
 use glam::Vec3;
 
 /// What differs from the scene as it was loaded; `None` where nothing does.
@@ -116,7 +116,9 @@ impl Tuning {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
         // Boxes are those of what rays meet: displaced or not.
-        let boxes = self.method_of(base).is_image_space() != other.method_of(base).is_image_space();
+        let boxes_of =
+            |tuning: &Tuning| method::boxes(tuning.method_of(base).id(), tuning.shade_of(base).id());
+        let boxes = boxes_of(self) != boxes_of(other);
         // Those that store something are loaded with it.
         let (method, others) = (self.method_of(base), other.method_of(base));
         let stored = method != others && (method.has_own_store() || others.has_own_store());
@@ -131,7 +133,11 @@ impl Tuning {
 
     /// Whether nothing is displaced.
     fn is_flat(&self, base: &Settings) -> bool {
-        self.method_of(base) == Method::None
+        self.method_of(base) == Method::None && self.shade_of(base) != Shade::Error
+    }
+
+    fn shade_of(&self, base: &Settings) -> Shade {
+        self.shade.unwrap_or(base.shade)
     }
 
     fn method_of(&self, base: &Settings) -> Method {

@@ -280,7 +280,7 @@ impl Kernel {
             Kernel::DistanceMap => &[HEIGHT_WRAP],
             Kernel::BoundHeights | Kernel::DecideSeams => &[HEIGHT_FORMAT, HEIGHT_WRAP, DISPLACEMENT, FILTER],
             Kernel::PrismBounds => {
-                &[METHOD, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
+                &[METHOD, SHADE, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
             }
             Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
             _ => &[],
