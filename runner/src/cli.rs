@@ -59,6 +59,13 @@ enum Command {
     View(Box<view::ViewArgs>),
     /// Measure what each method costs on a model, and what it gets wrong
     Compare(Box<compare::CompareArgs>),
+    /// Write docs/METHODS.md to standard output, from the folders of comparisons
+    #[command(hide = true)]
+    Methods {
+        /// Folders that `emboss compare` wrote
+        #[arg(required = true)]
+        folders: Vec<PathBuf>,
+    },
     /// List what can render
     Devices,
     /// Measure how fast this machine is
@@ -359,6 +366,7 @@ impl Command {
                 start_log(args.render.log_level());
                 args.run()
             }
+            Command::Methods { folders } => compare::describe_methods(&folders),
             Command::Devices => {
                 start_log(LevelFilter::INFO);
                 list_devices();

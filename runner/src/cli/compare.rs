@@ -7,11 +7,12 @@ use crate::backend::Backend;
 use crate::compare::quality::{Candidate, candidates, choose};
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
-use crate::compare::{CompareError, NS, Plan, report, run, usual_methods};
+use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
 use crate::render::Scene;
 use crate::settings::{Method, Settings, Subdivisions};
 use clap::ValueEnum;
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Pixels of a comparison's pictures unless said otherwise: enough to see what is wrong.
@@ -136,6 +137,13 @@ impl CompareArgs {
         list("--reference", self.reference.iter().map(u32::to_string).collect());
         words.join(" ")
     }
+}
+
+/// Writes the page of all methods.
+pub(super) fn describe_methods(folders: &[PathBuf]) -> Result<(), CliError> {
+    let all = folders.iter().map(|folder| Results::read(folder)).collect::<Result<Vec<_>, _>>();
+    say(markdown::page(&all.map_err(CompareError::from)?).trim_end());
+    Ok(())
 }
 
 /// Says in short what was measured.

@@ -125,7 +125,7 @@ where
 
 /// A number with as many digits as an axis has room for.
 fn short(value: f64) -> String {
-    if value >= 1e5 || value < 1e-3 {
+    if !(1e-3..1e5).contains(&value) {
         format!("{value:.0e}")
     } else {
         format!("{}", (value * 1e4).round() / 1e4)

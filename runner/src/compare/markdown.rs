@@ -45,8 +45,8 @@ fn scene(text: &mut String, results: &Results) {
     text.push_str(
         "| Method | Time | Memory KiB | flip | depth | normal ° | outline | grazing | flicker |\n|---|---|---|---|---|---|---|---|---|\n",
     );
-    let quadtrees = results.configurations.iter().filter(|m| m.configuration.method_name() == "quadtree");
-    let unit = quadtrees.last().map_or(1.0, |m| m.frame_ms);
+    let mut quadtrees = results.configurations.iter().filter(|m| m.configuration.method_name() == "quadtree");
+    let unit = quadtrees.next_back().map_or(1.0, |m| m.frame_ms);
     let best = pareto(&results.configurations, Cost::Time);
     for (i, measured) in results.configurations.iter().enumerate() {
         row(text, measured, unit, best.contains(&i));
@@ -80,4 +80,58 @@ fn row(text: &mut String, m: &Measurement, unit: f64, is_best: bool) {
 fn line(text: &mut String, line: std::fmt::Arguments<'_>) {
     // A string takes everything.
     let _ = writeln!(text, "{line}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::metrics::Errors;
+    use crate::compare::results::{Identity, ViewErrors};
+    use crate::compare::subject::{Configuration, Memory};
+    use crate::settings::Subdivisions;
+
+    /// Half of ten pixels are on the wrong side; the other configuration is exact and takes twice as long.
+    #[test]
+    fn rows_have_what_was_measured() {
+        let [version, backend] = ["0.1.0", "cpu"].map(str::to_owned);
+        let (command, device) = ("emboss compare builtin:cube".to_owned(), "a processor".to_owned());
+        let mut results =
+            Results::new(Identity { version, command, backend, device, files: vec![] }, 4, 3, 1);
+        let measured = |method, n, errors, frame_ms| Measurement {
+            frame_ms,
+            memory: Memory { all: 2048, ..Memory::default() },
+            ..Measurement::new(
+                Configuration { method, n },
+                vec![ViewErrors { view: "own".into(), errors }],
+                0.0,
+                Memory::default(),
+                1,
+            )
+        };
+        let rough = Errors {
+            flip: 0.25,
+            reference_pixels: 10,
+            silhouette_pixels: 3,
+            missing_pixels: 2,
+            ..Errors::default()
+        };
+        results.configurations = vec![
+            measured(Method::None, None, rough, 3.0),
+            measured(Method::Quadtree, Some(Subdivisions::Fixed(64)), Errors::default(), 6.0),
+            measured(Method::BruteForce, Some(Subdivisions::Fixed(64)), Errors::default(), 9.0),
+        ];
+        let page = page(&[results]);
+        assert!(page.contains("```sh\nemboss compare builtin:cube\n```"), "{page}");
+        assert!(
+            page.contains("| **none** | 0.50 | 2 | 0.2500 | 0.0000 | 0.00 | 50.00 % | - | 0.0000 |"),
+            "{page}"
+        );
+        assert!(
+            page.contains("| **quadtree N=64** | 1.00 |") && page.contains("| brute-force N=64 | 1.50 |"),
+            "{page}"
+        );
+        // A description of each method there is, and of no other.
+        let described = page.lines().filter(|line| line.starts_with("| `")).count();
+        assert_eq!(described, Method::value_variants().len());
+    }
 }

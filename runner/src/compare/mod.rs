@@ -95,7 +95,6 @@ pub fn run(
 ) -> Result<(), CompareError> {
     let begin = Instant::now();
     let before = store.results.seconds;
-    let seconds = |begin: Instant| before + begin.elapsed().as_secs_f64();
     let mut share = 0.0;
     let set = Setting::new(plan, backend, store, &mut || progress(share))?;
     let count = plan.configurations.len().max(1);
@@ -108,28 +107,36 @@ pub fn run(
             Ok(measurement) => store.results.configurations.push(measurement),
             Err(error) => store.results.skipped.push(skipped(configuration, error)?),
         }
-        store.results.seconds = seconds(begin);
+        store.results.seconds = before + begin.elapsed().as_secs_f64();
         store.save()?;
     }
-    let total = plan.time.as_secs_f64();
-    let first = seconds(begin).min(total);
-    while seconds(begin) < total && !store.results.configurations.is_empty() {
-        for i in 0..store.results.configurations.len() {
-            let now = (seconds(begin) - first) / (total - first).max(f64::MIN_POSITIVE);
-            share = FIRST_SHARE + (1.0 - FIRST_SHARE) * now.min(1.0);
-            let configuration = store.results.configurations[i].configuration;
+    let rounds = rounds(plan, backend, store, &set.stage, progress);
+    store.results.complete = rounds.is_ok();
+    store.save()?;
+    rounds
+}
+
+/// Takes times in turns until there is no more time.
+fn rounds(
+    plan: &Plan,
+    backend: &mut dyn Backend,
+    store: &mut Store,
+    stage: &Stage,
+    progress: Progress<'_>,
+) -> Result<(), CompareError> {
+    let (begin, first, total) = (Instant::now(), store.results.seconds, plan.time.as_secs_f64());
+    while store.results.seconds < total && !store.results.configurations.is_empty() {
+        for measured in &mut store.results.configurations {
+            let now = (store.results.seconds - first) / (total - first);
+            let share = FIRST_SHARE + (1.0 - FIRST_SHARE) * now.min(1.0);
             let mut watch = || progress(share);
-            let mut subject =
-                Subject::load(backend, &plan.scene, &plan.settings, configuration, Some(&set.stage))?;
-            let times = Times::take(&mut subject, plan.samples, &mut watch)?;
-            store.results.configurations[i].add(times);
-            store.results.seconds = seconds(begin);
+            let (scene, settings) = (&plan.scene, &plan.settings);
+            let mut subject = Subject::load(backend, scene, settings, measured.configuration, Some(stage))?;
+            measured.add(Times::take(&mut subject, plan.samples, &mut watch)?);
+            store.results.seconds = first + begin.elapsed().as_secs_f64();
         }
         store.save()?;
     }
-    store.results.complete = true;
-    store.results.seconds = seconds(begin);
-    store.save()?;
     Ok(())
 }
 

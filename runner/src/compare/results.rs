@@ -189,6 +189,13 @@ impl Results {
         }
     }
 
+    /// Those that a folder keeps.
+    pub fn read(folder: &Path) -> Result<Results, ResultsError> {
+        let path = folder.join(JSON);
+        let read = || Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?);
+        read().map_err(|reason| ResultsError::Unreadable { path: path.clone(), reason })
+    }
+
     /// Whether a configuration was measured or left out.
     pub fn knows(&self, configuration: Configuration) -> bool {
         self.configurations.iter().any(|measured| measured.configuration == configuration)
@@ -275,12 +282,12 @@ pub enum ResultsError {
         reason: io::Error,
     },
     /// There are results that this program did not write, or that are damaged.
-    #[error("{}: these are no results of this version ({reason}); choose another --output, or delete the file", path.display())]
+    #[error("{}: this file has no results of this version ({reason}); choose another folder, or delete the file", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        reason: String,
+        reason: io::Error,
     },
     /// There are results of another comparison.
     #[error(
@@ -324,17 +331,13 @@ impl Store {
 
     /// Opens a folder that takes files. What it has of the same comparison goes on, of another one is refused.
     pub fn open(folder: &Path, new: Results) -> Result<Store, ResultsError> {
-        let path = folder.join(JSON);
-        let unreadable = |reason: String| ResultsError::Unreadable { path: path.clone(), reason };
-        let folder = folder.to_owned();
-        let text = match std::fs::read_to_string(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+        let (old, folder) = (Results::read(folder), folder.to_owned());
+        let old = match old {
+            Err(ResultsError::Unreadable { reason, .. }) if reason.kind() == io::ErrorKind::NotFound => {
                 return Ok(Store { folder, results: new, resumed: false });
             }
-            Err(error) => return Err(unreadable(error.to_string())),
-            Ok(text) => text,
+            old => old?,
         };
-        let old: Results = serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))?;
         let other = |what, there: &str, here: &str| ResultsError::Other {
             path: folder.clone(),
             what,

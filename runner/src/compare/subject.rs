@@ -268,8 +268,8 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// What is behind the surface: the sRGB code 0.5, in linear RGB, so that a PNG has 127 or 128 of 255.
-const BACKGROUND: Vec3 = Vec3::splat(0.214_041);
+/// What is behind the surface: the sRGB code 128 of 255, in linear RGB.
+const BACKGROUND: Vec3 = Vec3::splat(0.215_861);
 
 /// A time in milliseconds.
 pub fn milliseconds(duration: Duration) -> f64 {
