@@ -5,6 +5,7 @@
 
 mod bench;
 mod command_line;
+mod compare;
 mod inputs;
 mod interrupt;
 mod progress;
@@ -14,6 +15,7 @@ mod view;
 use crate::backend::select::{BackendChoice, devices, open_backend};
 use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::bench::build::BenchError;
+use crate::compare::CompareError;
 use crate::framing::View;
 use crate::normal_maps::{NormalMap, NormalSpace};
 use crate::picture::{Destination, PictureError, PictureFormat};
@@ -56,6 +58,15 @@ enum Command {
     Render(Box<RenderArgs>),
     /// Look at a model from all sides and tune its relief
     View(Box<view::ViewArgs>),
+    /// Measure what each method costs on a model, and what it gets wrong
+    Compare(Box<compare::CompareArgs>),
+    /// Write docs/METHODS.md to standard output, from the folders of comparisons
+    #[command(hide = true)]
+    Methods {
+        /// Folders that `emboss compare` wrote
+        #[arg(required = true)]
+        folders: Vec<PathBuf>,
+    },
     /// List what can render
     Devices,
     /// Measure how fast this machine is
@@ -116,6 +127,10 @@ struct RenderArgs {
     /// What the normal map's components are along [default: tangent]
     #[arg(long, value_enum, value_name = "SPACE", requires = "normal_map")]
     normal_space: Option<NormalSpace>,
+    /// Choose the quickest method and N whose error on this model, measured on a small picture, is within a budget: mean FLIP
+    /// from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
+    #[arg(long, value_name = "BUDGET", value_parser = values::flip)]
+    quality: Option<f32>,
     /// Direction in which heights are measured [default: normalized]
     #[arg(long, value_enum)]
     normals: Option<Normals>,
@@ -239,6 +254,14 @@ enum CliError {
     Stats(#[from] StatsError),
     #[error(transparent)]
     Render(#[from] RenderError),
+    #[error("--quality chooses the method and N; leave --method and N out, or --quality")]
+    QualityWithChoice,
+    #[error("no method can render this scene within the budget; name one with --method")]
+    NoCandidate,
+    #[error("{0} is not for `emboss compare`; leave it out (--methods and --n choose what is compared)")]
+    NotOfCompare(&'static str),
+    #[error(transparent)]
+    Compare(#[from] CompareError),
     #[error("interrupted before there was anything to see; no picture was written")]
     InterruptedEarly,
     #[error("interrupted; the picture so far was written to {}", .0.display())]
@@ -263,6 +286,8 @@ impl CliError {
             | CliError::NormalMapOfNothing(_)
             | CliError::StatsOverPicture(_)
             | CliError::StatsOfView
+            | CliError::QualityWithChoice
+            | CliError::NotOfCompare(_)
             | CliError::Script(_)
             | CliError::Picture(PictureError::UnknownFormat { .. })
             | CliError::Input(
@@ -278,6 +303,7 @@ impl CliError {
                 | RenderError::MethodOfAuto { .. }
                 | RenderError::StoredOnce { .. },
             )
+            | CliError::Compare(CompareError::Render(RenderError::Framing(_)))
             | CliError::View(ViewError::Render(
                 RenderError::Framing(_)
                 | RenderError::MethodOfVectors { .. }
@@ -289,7 +315,10 @@ impl CliError {
                 error.downcast_ref::<CliError>().map_or(1, CliError::exit_code)
             }
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
-            CliError::Interrupted(_) | CliError::InterruptedEarly | CliError::BenchInterrupted => 130,
+            CliError::Interrupted(_)
+            | CliError::InterruptedEarly
+            | CliError::BenchInterrupted
+            | CliError::Compare(CompareError::Interrupted) => 130,
             _ => 1,
         }
     }
@@ -350,6 +379,11 @@ impl Command {
                 start_log(args.render.log_level());
                 args.run()
             }
+            Command::Compare(args) => {
+                start_log(args.render.log_level());
+                args.run()
+            }
+            Command::Methods { folders } => compare::describe_methods(&folders),
             Command::Devices => {
                 start_log(LevelFilter::INFO);
                 list_devices();
@@ -407,7 +441,8 @@ fn kind_name(kind: DeviceKind) -> &'static str {
 
 impl RenderArgs {
     /// Renders: first everything that can be refused quickly, then the work.
-    fn run(self) -> Result<(), CliError> {
+    fn run(mut self) -> Result<(), CliError> {
+        self.check_quality()?;
         let destination = self.destination()?;
         destination.check()?;
         if let Some(path) = &self.stats {
@@ -418,7 +453,10 @@ impl RenderArgs {
         }
         let interrupt = Interrupt::install();
         let mut backend = self.open_backend()?;
-        let (settings, inputs, samples) = self.read()?;
+        let (mut settings, mut inputs, samples) = self.read()?;
+        if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, Some(&interrupt))? {
+            (settings, inputs, _) = self.read()?;
+        }
         self.report(&inputs);
         let scene = inputs.scene;
         let used = SettingsUsed::new(&settings, samples, &scene);

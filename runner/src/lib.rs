@@ -6,6 +6,7 @@ pub mod bench;
 pub mod bvh;
 pub mod cli;
 pub mod colors;
+pub mod compare;
 pub mod framing;
 pub mod height_levels;
 pub mod heights;

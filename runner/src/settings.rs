@@ -70,6 +70,22 @@ impl Method {
         }
     }
 
+    /// What N is for it; `None` where it has no use for one.
+    pub fn parameter(self) -> Option<&'static str> {
+        match self {
+            Method::Quadtree | Method::GridWalk | Method::BruteForce => Some("parts of each triangle's side"),
+            Method::None => None,
+        }
+    }
+
+    /// Whether it shows the relief in outlines, or leaves those of the base mesh.
+    pub fn changes_silhouette(self) -> bool {
+        match self {
+            Method::Quadtree | Method::GridWalk | Method::BruteForce => true,
+            Method::None => false,
+        }
+    }
+
     /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
     /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
@@ -189,6 +205,23 @@ impl serde::Serialize for Subdivisions {
             Subdivisions::Fixed(n) => serializer.serialize_u32(*n),
             Subdivisions::Auto { .. } => serializer.collect_str(self),
         }
+    }
+}
+
+/// Reads what is written so.
+impl<'de> serde::Deserialize<'de> for Subdivisions {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Subdivisions, D::Error> {
+        #[derive(serde::Deserialize)]
+        #[serde(untagged)]
+        enum Written {
+            Number(u32),
+            Text(String),
+        }
+        let text = match Written::deserialize(deserializer)? {
+            Written::Number(n) => n.to_string(),
+            Written::Text(text) => text,
+        };
+        text.parse().map_err(serde::de::Error::custom)
     }
 }
 

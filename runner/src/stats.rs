@@ -249,7 +249,8 @@ pub struct StatsError {
 }
 
 impl Bytes {
-    fn new(job: &Job, build: BuildReport) -> Bytes {
+    /// What a loaded job has in memory.
+    pub(crate) fn new(job: &Job, build: BuildReport) -> Bytes {
         let buffers = &job.buffers;
         Bytes {
             vertices: bytes(&buffers.vertices) + bytes(&buffers.tangents),
@@ -270,6 +271,45 @@ impl Bytes {
             instances: bytes(&buffers.instances),
             film: u64::from(job.frame.width) * u64::from(job.frame.height) * size_of::<FilmPixel>() as u64,
         }
+    }
+
+    /// The BVH.
+    pub(crate) fn bvh(&self) -> u64 {
+        self.nodes + self.primitives
+    }
+
+    /// Height maps, and what is made of them.
+    pub(crate) fn height_maps(&self) -> u64 {
+        self.height_texels + self.height_ranges
+    }
+
+    /// Everything but the film and the colour maps, which are the same whatever the method.
+    pub(crate) fn without_pictures(&self) -> u64 {
+        // Every field is named, so that none that comes later is forgotten.
+        let Bytes {
+            vertices,
+            triangles,
+            nodes,
+            primitives,
+            height_texels,
+            height_ranges,
+            seams,
+            color_texels: _,
+            materials,
+            lights,
+            instances,
+            film: _,
+        } = self;
+        vertices
+            + triangles
+            + nodes
+            + primitives
+            + height_texels
+            + height_ranges
+            + seams
+            + materials
+            + lights
+            + instances
     }
 }
 

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod debian;
+mod methods;
 mod pictures;
 mod process;
 mod spirv;
@@ -45,6 +46,12 @@ enum Command {
     },
     /// Render the README's pictures into assets
     Pictures,
+    /// Measure every method on the built-in scenes, and write docs/METHODS.md from that
+    Methods {
+        /// How long each scene is measured at least
+        #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+        time: u32,
+    },
     /// A part of `spirv` that needs its own environment
     #[command(hide = true)]
     CompileKernels(spirv::Compilation),
@@ -69,6 +76,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Toolchain { rustup_only } => toolchain::provide(rustup_only),
         Command::Test { steps } => test::run(&steps),
         Command::Pictures => pictures::render(),
+        Command::Methods { time } => methods::write(time),
         Command::CompileKernels(compilation) => spirv::compile(compilation),
     }
 }

@@ -14,6 +14,11 @@ use std::path::Path;
 impl RenderArgs {
     /// `emboss render` with these arguments, for a shell. Numbers have all the digits that it takes to get the same bits.
     pub(super) fn command_line(&self) -> String {
+        self.command_line_of("render", Some(&self.output))
+    }
+
+    /// The same of another command that takes them, with or without its output.
+    pub(super) fn command_line_of(&self, command: &str, output: Option<&Path>) -> String {
         // Every field is named, so that none that comes later is forgotten.
         let RenderArgs {
             model,
@@ -22,7 +27,7 @@ impl RenderArgs {
             zero,
             scale,
             subdivisions,
-            output,
+            output: _,
             depth,
             size,
             samples,
@@ -49,6 +54,8 @@ impl RenderArgs {
             filter,
             invert,
             seed,
+            // Once it has chosen, method and N say what.
+            quality: _,
             // These change no picture.
             stats: _,
             validate: _,
@@ -57,7 +64,7 @@ impl RenderArgs {
             quiet: _,
             verbose: _,
         } = self;
-        let mut line = Line(vec!["emboss".to_owned(), "render".to_owned()]);
+        let mut line = Line(vec!["emboss".to_owned(), command.to_owned()]);
         line.positional([
             model.as_ref().and_then(model_text),
             color.as_ref().and_then(map_text),
@@ -66,7 +73,7 @@ impl RenderArgs {
             scale.and_then(given_text),
             subdivisions.and_then(given_text),
         ]);
-        line.path("--output", output);
+        line.text("--output", output.map(Path::to_string_lossy).as_deref());
         line.option("--depth", depth.map(|depth| if depth == PictureFormat::Png16 { 16 } else { 8 }));
         line.option("--size", size.map(|(width, height)| format!("{width}x{height}")));
         line.option("--samples", Some(samples.unwrap_or(SAMPLES)));
@@ -130,10 +137,6 @@ impl Line {
     fn choice(&mut self, name: &str, value: Option<impl ValueEnum>) {
         let named = value.as_ref().and_then(ValueEnum::to_possible_value);
         self.text(name, named.as_ref().map(|value| value.get_name()));
-    }
-
-    fn path(&mut self, name: &str, path: &Path) {
-        self.text(name, Some(&path.to_string_lossy()));
     }
 
     fn flag(&mut self, name: &str, is_set: bool) {

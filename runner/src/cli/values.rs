@@ -62,6 +62,16 @@ pub(super) fn subdivisions_or_default(text: &str) -> Result<OrDefault<Subdivisio
     or_default(text, str::parse)
 }
 
+/// A number of parts.
+pub(super) fn fixed_subdivisions(text: &str) -> Result<u32, String> {
+    match text.parse()? {
+        Subdivisions::Fixed(n) => Ok(n),
+        Subdivisions::Auto { .. } => {
+            Err("the reference has one N; write a whole number such as 512".to_owned())
+        }
+    }
+}
+
 /// A number that is neither NaN nor infinite, also not by rounding to `f32`.
 pub(super) fn finite(text: &str) -> Result<f32, String> {
     let number =
@@ -100,6 +110,13 @@ pub(super) fn switch(text: &str) -> Result<bool, String> {
 pub(super) fn samples(text: &str) -> Result<u32, String> {
     let count = text.parse().ok().filter(|&count: &u32| count > 0);
     count.ok_or_else(|| format!("a pixel has from 1 to {} samples; try 4", u32::MAX))
+}
+
+/// A budget of mean ꟻLIP.
+pub(super) fn flip(text: &str) -> Result<f32, String> {
+    finite(text).ok().filter(|budget| (0.0..=1.0).contains(budget)).ok_or_else(|| {
+        format!("`{text}` is no budget; write a mean FLIP error from 0 (exact) to 1, such as 0.02")
+    })
 }
 
 /// A number of primitives, also as 1e6.

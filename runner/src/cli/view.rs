@@ -23,13 +23,18 @@ pub(super) struct ViewArgs {
 
 impl ViewArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let args = self.render;
+        let mut args = self.render;
         if args.stats.is_some() {
             return Err(CliError::StatsOfView);
         }
         args.check_device()?;
+        args.check_quality()?;
         let output = args.destination()?;
         output.check()?;
+        if args.quality.is_some() {
+            let (settings, inputs, _) = args.read()?;
+            args.choose_quality(args.open_backend()?.as_mut(), &inputs.scene, &settings, None)?;
+        }
         let script = self.script.as_deref().map(Script::read).transpose()?;
         // A scene file says how large the window is.
         let model = args.model.clone().unwrap_or_default();

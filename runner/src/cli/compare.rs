@@ -1,0 +1,213 @@
+//! `emboss compare`, and `--quality` of the commands that show a picture.
+
+use super::interrupt::Interrupt;
+use super::values::OrDefault;
+use super::{CliError, RenderArgs, progress, say, values};
+use crate::backend::Backend;
+use crate::compare::quality::{Candidate, candidates, choose};
+use crate::compare::results::{FileStamp, Identity, Results, Store};
+use crate::compare::subject::Configuration;
+use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
+use crate::render::Scene;
+use crate::settings::{Method, Settings, Subdivisions};
+use clap::ValueEnum;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Pixels of a comparison's pictures unless said otherwise: enough to see what is wrong.
+const SIZE: (u32, u32) = (480, 360);
+
+/// Takes the arguments of `emboss render`. Writes report.html, results.csv, results.json and the charts into the folder
+/// --output. When it is broken off, the same command goes on from there.
+#[derive(Debug, clap::Args)]
+#[command(mut_arg("output", |output| output
+    .value_name("DIR")
+    .default_value("emboss-compare")
+    .help("Folder for the report, the results, the charts and the pictures")))]
+#[command(mut_arg("size", |size| size.help("Size of the pictures in pixels [default: 480x360]")))]
+#[command(mut_arg("method", |method| method.hide(true)))]
+#[command(mut_arg("quality", |quality| quality.hide(true)))]
+#[command(mut_arg("stats", |stats| stats.hide(true)))]
+#[command(mut_arg("depth", |depth| depth.hide(true)))]
+pub(super) struct CompareArgs {
+    #[command(flatten)]
+    pub(super) render: RenderArgs,
+    /// Methods to compare [default: all but brute-force]
+    #[arg(long, value_enum, value_name = "METHOD,...", value_delimiter = ',')]
+    methods: Vec<Method>,
+    /// N to compare, for those methods that have one [default: 4,16,64,256, or auto where the argument N is]
+    #[arg(long = "n", value_name = "N,...", value_delimiter = ',', value_parser = str::parse::<Subdivisions>)]
+    ns: Vec<Subdivisions>,
+    /// N of the reference, the quadtree [default: as many as the picture can show]
+    #[arg(long, value_name = "N", value_parser = values::fixed_subdivisions)]
+    reference: Option<u32>,
+    /// How long to measure; each method has a round at least
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = values::seconds)]
+    time: Duration,
+}
+
+impl CompareArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        self.check()?;
+        let folder = &self.render.output;
+        Store::check(folder).map_err(CompareError::from)?;
+        let interrupt = Interrupt::install();
+        let mut backend = self.render.open_backend()?;
+        let args = RenderArgs { size: self.render.size.or(Some(SIZE)), ..self.render.clone() };
+        let (settings, inputs, samples) = args.read()?;
+        args.report(&inputs);
+        let device = backend.device();
+        let identity = Identity {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            command: self.command_line(),
+            backend: device.backend.to_owned(),
+            device: device.name.clone(),
+            files: inputs.files.iter().map(|path| FileStamp::of(path)).collect(),
+        };
+        let ns = self.ns(inputs.subdivisions);
+        let methods = if self.methods.is_empty() { usual_methods() } else { self.methods.clone() };
+        let plan = Plan {
+            scene: inputs.scene,
+            configurations: Configuration::all(&methods, &ns),
+            reference: self.reference,
+            time: self.time,
+            samples,
+            settings,
+        };
+        let new = Results::new(identity, plan.settings.width, plan.settings.height, samples);
+        let mut store = Store::open(folder, new).map_err(CompareError::from)?;
+        if store.resumed && !args.quiet {
+            let done = store.results.configurations.len() + store.results.skipped.len();
+            say(format_args!(
+                "Going on in {}: {done} of {} measured in {:.0} s",
+                folder.display(),
+                plan.configurations.len(),
+                store.results.seconds
+            ));
+        }
+        let bar = progress::bar(args.quiet);
+        run(&plan, backend.as_mut(), &mut store, &mut |share| {
+            bar.set_position(progress::position(share));
+            if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })?;
+        bar.finish_and_clear();
+        report::write(&store).map_err(CompareError::from)?;
+        if !args.quiet {
+            say_results(&store);
+        }
+        Ok(())
+    }
+
+    /// Refuses options of `emboss render` that say nothing here.
+    fn check(&self) -> Result<(), CliError> {
+        let render = &self.render;
+        let given = [
+            ("--method", render.method.is_some()),
+            ("--quality", render.quality.is_some()),
+            ("--stats", render.stats.is_some()),
+            ("--depth", render.depth.is_some()),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((option, _)) => Err(CliError::NotOfCompare(option)),
+            None => render.check_device(),
+        }
+    }
+
+    /// The N to compare: as many as triangles need where that is what the six arguments say.
+    fn ns(&self, argument: Subdivisions) -> Vec<Subdivisions> {
+        match (self.ns.is_empty(), argument) {
+            (false, _) => self.ns.clone(),
+            (true, Subdivisions::Auto { .. }) => vec![argument],
+            (true, Subdivisions::Fixed(_)) => NS.map(Subdivisions::Fixed).to_vec(),
+        }
+    }
+
+    /// `emboss compare` with these arguments, without the folder and the time, which change no result.
+    fn command_line(&self) -> String {
+        let mut words = vec![self.render.command_line_of("compare", None)];
+        let mut list = |name: &str, values: Vec<String>| {
+            if !values.is_empty() {
+                words.push(format!("{name} {}", values.join(",")));
+            }
+        };
+        let name = |method: &Method| method.to_possible_value().map(|value| value.get_name().to_owned());
+        list("--methods", self.methods.iter().filter_map(name).collect());
+        list("--n", self.ns.iter().map(Subdivisions::to_string).collect());
+        list("--reference", self.reference.iter().map(u32::to_string).collect());
+        words.join(" ")
+    }
+}
+
+/// Writes the page of all methods.
+pub(super) fn describe_methods(folders: &[PathBuf]) -> Result<(), CliError> {
+    let all = folders.iter().map(|folder| Results::read(folder)).collect::<Result<Vec<_>, _>>();
+    say(markdown::page(&all.map_err(CompareError::from)?).trim_end());
+    Ok(())
+}
+
+/// Says in short what was measured.
+fn say_results(store: &Store) {
+    say(format_args!("{:<24} {:>10} {:>10} {:>9} {:>9}", "", "frame ms", "KiB", "FLIP", "flicker"));
+    for measured in &store.results.configurations {
+        say(format_args!(
+            "{:<24} {:>10.3} {:>10.1} {:>9.5} {:>9.5}",
+            measured.configuration.to_string(),
+            measured.frame_ms,
+            measured.memory.all as f64 / 1024.0,
+            measured.own().flip,
+            measured.flicker
+        ));
+    }
+    for skipped in &store.results.skipped {
+        say(format_args!("{:<24} left out: {}", skipped.configuration.to_string(), skipped.reason));
+    }
+    say(format_args!("Wrote {}", store.folder().join("report.html").display()));
+}
+
+impl RenderArgs {
+    /// Refuses a budget together with what it chooses.
+    pub(super) fn check_quality(&self) -> Result<(), CliError> {
+        let n = self.subdivisions.and_then(OrDefault::given);
+        if self.quality.is_some() && (self.method.is_some() || n.is_some()) {
+            return Err(CliError::QualityWithChoice);
+        }
+        Ok(())
+    }
+
+    /// Where there is a budget, measures what is quickest within it, says so, and has it from then on as if it had been given.
+    /// Whether there was one.
+    pub(super) fn choose_quality(
+        &mut self,
+        backend: &mut dyn Backend,
+        scene: &Scene,
+        settings: &Settings,
+        interrupt: Option<&Interrupt>,
+    ) -> Result<bool, CliError> {
+        let Some(budget) = self.quality.take() else { return Ok(false) };
+        let mut watch = || {
+            let stop = interrupt.is_some_and(Interrupt::requested);
+            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let measured = candidates(backend, scene, settings, &mut watch).map_err(|error| match error {
+            CompareError::Interrupted => CliError::InterruptedEarly,
+            error => error.into(),
+        })?;
+        let chosen = choose(&measured, f64::from(budget)).ok_or(CliError::NoCandidate)?;
+        if !self.quiet {
+            measured.iter().for_each(|candidate| say(row(candidate, candidate == &chosen)));
+            say(format_args!("Chose {}: the quickest with FLIP {budget} at most", chosen.configuration));
+        }
+        self.method = Some(chosen.configuration.method);
+        if let Some(n) = chosen.configuration.n {
+            self.subdivisions = Some(OrDefault::Given(n));
+        }
+        Ok(true)
+    }
+}
+
+fn row(candidate: &Candidate, is_chosen: bool) -> String {
+    let Candidate { configuration, error, frame_ms } = candidate;
+    let mark = if is_chosen { "->" } else { "" };
+    format!("{mark:<3}{:<22} FLIP {error:.5} {frame_ms:>10.3} ms", configuration.to_string())
+}

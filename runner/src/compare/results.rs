@@ -1,0 +1,467 @@
+//! What was measured, and the folder that keeps it: `results.json` after each measurement, so that a comparison that was
+//! broken off goes on from there, and `results.csv` for other programs.
+
+use super::Times;
+use super::metrics::{Errors, median};
+use super::reference::Summary;
+use super::subject::{Configuration, Memory};
+use serde::{Deserialize, Serialize};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+/// What has to be the same for measurements to stand side by side.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The program's version.
+    pub version: String,
+    /// The command line, without the folder and the time.
+    pub command: String,
+    /// `vulkan` or `cpu`.
+    pub backend: String,
+    /// The device's name.
+    pub device: String,
+    /// The files of the scene.
+    pub files: Vec<FileStamp>,
+}
+
+/// A file as it was.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileStamp {
+    /// Where it is.
+    pub path: PathBuf,
+    /// When it was written, in seconds since 1970; `None` where the system does not say.
+    pub modified: Option<u64>,
+    /// Its size.
+    pub bytes: u64,
+}
+
+impl FileStamp {
+    /// What the system says of a file; of one that is gone nothing.
+    pub fn of(path: &Path) -> FileStamp {
+        let metadata = std::fs::metadata(path);
+        let modified = metadata.as_ref().ok().and_then(|metadata| metadata.modified().ok());
+        let since = modified.and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        FileStamp {
+            path: path.to_owned(),
+            modified: since.map(|since| since.as_secs()),
+            bytes: metadata.map_or(0, |metadata| metadata.len()),
+        }
+    }
+}
+
+/// All that is known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Results {
+    /// What it is about.
+    pub identity: Identity,
+    /// Whether the time is over and each configuration has its round.
+    pub complete: bool,
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples of a pixel.
+    pub samples: u32,
+    /// Seconds that were spent.
+    pub seconds: f64,
+    /// What everything is compared with.
+    pub reference: Option<Summary>,
+    /// What was measured, in the order in which it was asked for.
+    pub configurations: Vec<Measurement>,
+    /// What was left out.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A configuration that was left out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Skipped {
+    /// Which.
+    #[serde(flatten)]
+    pub configuration: Configuration,
+    /// Why.
+    pub reason: String,
+}
+
+/// The errors of a view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewErrors {
+    /// `own` or `grazing`.
+    pub view: String,
+    /// By how much it differs from the reference.
+    #[serde(flatten)]
+    pub errors: Errors,
+}
+
+/// What is known of a configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measurement {
+    /// Which it is.
+    #[serde(flatten)]
+    pub configuration: Configuration,
+    /// Median time of a frame of the user's camera, in milliseconds.
+    pub frame_ms: f64,
+    /// Primary and shadow rays a second.
+    pub rays_per_second: f64,
+    /// Median time from the scene to what rays can be traced in.
+    pub preparation_ms: f64,
+    /// Median time from other heights to the first frame.
+    pub edit_ms: f64,
+    /// Bytes.
+    pub memory: Memory,
+    /// The errors of each view.
+    pub views: Vec<ViewErrors>,
+    /// Change from picture to picture that the reference does not have: mean ꟻLIP.
+    pub flicker: f64,
+    /// Rays of a frame.
+    pub rays: u64,
+    /// Every time that was taken.
+    pub rounds: Rounds,
+}
+
+/// Times in milliseconds.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rounds {
+    /// Of frames: several a round.
+    pub frame_ms: Vec<f64>,
+    /// Of preparations.
+    pub preparation_ms: Vec<f64>,
+    /// Of edits.
+    pub edit_ms: Vec<f64>,
+}
+
+impl Measurement {
+    /// Without times as yet.
+    pub(super) fn new(
+        configuration: Configuration,
+        views: Vec<ViewErrors>,
+        flicker: f64,
+        memory: Memory,
+        rays: u64,
+    ) -> Measurement {
+        let (frame_ms, rays_per_second, preparation_ms, edit_ms) = (0.0, 0.0, 0.0, 0.0);
+        let rounds = Rounds::default();
+        Measurement {
+            configuration,
+            frame_ms,
+            rays_per_second,
+            preparation_ms,
+            edit_ms,
+            memory,
+            views,
+            flicker,
+            rays,
+            rounds,
+        }
+    }
+
+    /// Adds a round.
+    pub(super) fn add(&mut self, times: Times) {
+        let rounds = &mut self.rounds;
+        rounds.frame_ms.extend(times.frames);
+        rounds.preparation_ms.push(times.preparation);
+        rounds.edit_ms.push(times.edit);
+        self.frame_ms = median(&rounds.frame_ms);
+        self.preparation_ms = median(&rounds.preparation_ms);
+        self.edit_ms = median(&rounds.edit_ms);
+        self.rays_per_second = if self.frame_ms > 0.0 { self.rays as f64 / self.frame_ms * 1e3 } else { 0.0 };
+    }
+
+    /// The errors of the user's camera.
+    pub fn own(&self) -> Errors {
+        self.views.first().map(|view| view.errors).unwrap_or_default()
+    }
+}
+
+impl Results {
+    /// Of nothing as yet.
+    pub fn new(identity: Identity, width: u32, height: u32, samples: u32) -> Results {
+        Results {
+            identity,
+            complete: false,
+            width,
+            height,
+            samples,
+            seconds: 0.0,
+            reference: None,
+            configurations: Vec::new(),
+            skipped: Vec::new(),
+        }
+    }
+
+    /// Those that a folder keeps.
+    pub fn read(folder: &Path) -> Result<Results, ResultsError> {
+        let path = folder.join(JSON);
+        let read = || Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?);
+        read().map_err(|reason| ResultsError::Unreadable { path: path.clone(), reason })
+    }
+
+    /// Whether a configuration was measured or left out.
+    pub fn knows(&self, configuration: Configuration) -> bool {
+        self.configurations.iter().any(|measured| measured.configuration == configuration)
+            || self.skipped.iter().any(|skipped| skipped.configuration == configuration)
+    }
+
+    /// A table, a row for each configuration.
+    pub fn csv(&self) -> String {
+        const PER_VIEW: [&str; 9] = [
+            "flip",
+            "psnr_db",
+            "depth_mean",
+            "depth_p999",
+            "normal_mean_degrees",
+            "normal_p999_degrees",
+            "reference_pixels",
+            "silhouette_pixels",
+            "missing_pixels",
+        ];
+        let names: Vec<&str> = self
+            .configurations
+            .first()
+            .iter()
+            .flat_map(|m| &m.views)
+            .map(|view| view.view.as_str())
+            .collect();
+        let mut csv = "method,N,frame_ms,rays_per_second,preparation_ms,edit_ms,bvh_bytes,map_bytes,all_bytes,flicker,rounds"
+            .to_owned();
+        for view in &names {
+            PER_VIEW.iter().for_each(|column| csv += &format!(",{view}_{column}"));
+        }
+        csv.push('\n');
+        for m in &self.configurations {
+            let n = m.configuration.n.map_or_else(String::new, |n| n.to_string());
+            let Memory { bvh, maps, all } = m.memory;
+            csv += &format!(
+                "{},{n},{},{},{},{},{bvh},{maps},{all},{},{}",
+                m.configuration.method_name(),
+                m.frame_ms,
+                m.rays_per_second,
+                m.preparation_ms,
+                m.edit_ms,
+                m.flicker,
+                m.rounds.preparation_ms.len(),
+            );
+            for ViewErrors { errors, .. } in &m.views {
+                let psnr = errors.psnr_db.map_or_else(|| "inf".to_owned(), |db| db.to_string());
+                csv += &format!(
+                    ",{},{psnr},{},{},{},{},{},{},{}",
+                    errors.flip,
+                    errors.depth_mean,
+                    errors.depth_p999,
+                    errors.normal_mean_degrees,
+                    errors.normal_p999_degrees,
+                    errors.reference_pixels,
+                    errors.silhouette_pixels,
+                    errors.missing_pixels
+                );
+            }
+            csv.push('\n');
+        }
+        csv
+    }
+}
+
+/// Why results could not be kept. Messages name the file and what helps.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ResultsError {
+    /// The folder is not there and cannot be made, or takes no files.
+    #[error("{}: cannot write into this folder ({reason}); choose another --output", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system said.
+        reason: io::Error,
+    },
+    /// A file could not be written.
+    #[error("{}: the results could not be written ({reason}); make room or choose another --output, and run the command again: what is measured is kept", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        reason: io::Error,
+    },
+    /// There are results that this program did not write, or that are damaged.
+    #[error("{}: this file has no results of this version ({reason}); choose another folder, or delete the file", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: io::Error,
+    },
+    /// There are results of another comparison.
+    #[error(
+        "{} has the results of another comparison: {what} was `{there}` and is `{here}`; choose another --output, or delete that folder",
+        path.display()
+    )]
+    Other {
+        /// The folder.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+        /// What it was.
+        there: String,
+        /// What it is.
+        here: String,
+    },
+}
+
+/// The folder, and what is in it.
+#[derive(Debug)]
+pub struct Store {
+    folder: PathBuf,
+    /// What is known.
+    pub results: Results,
+    /// Whether there were results before.
+    pub resumed: bool,
+}
+
+/// The results' file.
+pub const JSON: &str = "results.json";
+/// The folder of pictures.
+const PICTURES: &str = "pictures";
+
+impl Store {
+    /// Finds out whether a folder takes files, and makes it where it is not there.
+    pub fn check(folder: &Path) -> Result<(), ResultsError> {
+        let failed = |reason| ResultsError::Folder { path: folder.to_owned(), reason };
+        std::fs::create_dir_all(folder.join(PICTURES)).map_err(failed)?;
+        tempfile::tempfile_in(folder).map_err(failed).map(drop)
+    }
+
+    /// Opens a folder that takes files. What it has of the same comparison goes on, of another one is refused.
+    pub fn open(folder: &Path, new: Results) -> Result<Store, ResultsError> {
+        let (old, folder) = (Results::read(folder), folder.to_owned());
+        let old = match old {
+            Err(ResultsError::Unreadable { reason, .. }) if reason.kind() == io::ErrorKind::NotFound => {
+                return Ok(Store { folder, results: new, resumed: false });
+            }
+            old => old?,
+        };
+        let other = |what, there: &str, here: &str| ResultsError::Other {
+            path: folder.clone(),
+            what,
+            there: there.to_owned(),
+            here: here.to_owned(),
+        };
+        let (there, here) = (&old.identity, &new.identity);
+        if there.version != here.version {
+            Err(other("the version", &there.version, &here.version))
+        } else if there.command != here.command {
+            Err(other("the command", &there.command, &here.command))
+        } else if (&there.backend, &there.device) != (&here.backend, &here.device) {
+            Err(other("the device", &there.device, &here.device))
+        } else if there.files != here.files {
+            Err(other("a file of the scene", &stamps(&there.files), &stamps(&here.files)))
+        } else {
+            Ok(Store { folder, results: Results { complete: false, ..old }, resumed: true })
+        }
+    }
+
+    /// The file of a picture.
+    pub fn picture(&self, name: &str) -> PathBuf {
+        self.folder.join(PICTURES).join(format!("{name}.png"))
+    }
+
+    /// Keeps the results.
+    pub fn save(&self) -> Result<(), ResultsError> {
+        let json = serde_json::to_string_pretty(&self.results);
+        let json = json.map_err(|error| self.failed(JSON, error.into()))?;
+        self.write(JSON, &(json + "\n"))?;
+        self.write("results.csv", &self.results.csv())
+    }
+
+    /// Writes a file beside its place and renames it then: what is there is whole, whenever the program ends.
+    pub fn write(&self, name: &str, text: &str) -> Result<(), ResultsError> {
+        let written = || {
+            let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+            file.write_all(text.as_bytes())?;
+            file.as_file().sync_all()?;
+            file.persist(self.folder.join(name)).map_err(|error| error.error)
+        };
+        written().map_err(|error| self.failed(name, error)).map(drop)
+    }
+
+    fn failed(&self, name: &str, reason: io::Error) -> ResultsError {
+        ResultsError::Write { path: self.folder.join(name), reason }
+    }
+
+    /// Where everything is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+/// Files in a message.
+fn stamps(files: &[FileStamp]) -> String {
+    let stamp = |file: &FileStamp| {
+        let modified = file.modified.map_or_else(String::new, |seconds| format!(", written {seconds}"));
+        format!("{} ({} bytes{modified})", file.path.display(), file.bytes)
+    };
+    files.iter().map(stamp).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Method, Subdivisions};
+
+    fn results(command: &str) -> Results {
+        let [version, backend, device] = ["0.1.0", "cpu", "a processor"].map(str::to_owned);
+        let identity = Identity { version, command: command.to_owned(), backend, device, files: vec![] };
+        Results::new(identity, 4, 3, 1)
+    }
+
+    fn measurement() -> Measurement {
+        let n = Some(Subdivisions::Auto { pixels: 0.5 });
+        let views =
+            ["own", "grazing"].map(|view| ViewErrors { view: view.into(), errors: Errors::default() });
+        let configuration = Configuration { method: Method::GridWalk, n };
+        let mut measurement = Measurement::new(configuration, views.into(), 0.25, Memory::default(), 600);
+        measurement.add(Times { frames: vec![4.0, 2.0, 3.0], preparation: 7.0, edit: 5.0 });
+        measurement
+    }
+
+    #[test]
+    fn medians_are_over_all_rounds() {
+        let mut measured = measurement();
+        assert_eq!((measured.frame_ms, measured.rays_per_second), (3.0, 2e5));
+        measured.add(Times { frames: vec![1.0, 1.0], preparation: 8.0, edit: 1.0 });
+        assert_eq!((measured.frame_ms, measured.preparation_ms, measured.edit_ms), (2.0, 7.0, 1.0));
+    }
+
+    #[test]
+    fn what_is_kept_is_what_was_measured() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::open(folder.path(), results("a")).expect("new");
+        assert!(!store.resumed);
+        store.results.configurations.push(measurement());
+        let skipped = Configuration { method: Method::None, n: None };
+        store.results.skipped.push(Skipped { configuration: skipped, reason: "no".into() });
+        store.save().expect("writable");
+        let again = Store::open(folder.path(), results("a")).expect("the same");
+        assert!(again.resumed && again.results.knows(skipped));
+        assert_eq!(again.results, store.results);
+        let error = Store::open(folder.path(), results("b")).expect_err("another").to_string();
+        assert!(error.contains("`a`") && error.contains("choose another --output"), "{error}");
+    }
+
+    #[test]
+    fn other_files_of_that_name_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join(JSON), "{}").expect("writable");
+        let error = Store::open(folder.path(), results("a")).expect_err("no results").to_string();
+        assert!(error.contains("results.json") && error.contains("delete the file"), "{error}");
+    }
+
+    #[test]
+    fn rows_have_as_many_columns_as_the_heading() {
+        let mut all = results("a");
+        all.configurations = vec![measurement(), measurement()];
+        let csv = all.csv();
+        let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
+        assert_eq!(counts, [29; 3]);
+        assert!(csv.lines().nth(1).is_some_and(|row| row.starts_with("grid-walk,auto:0.5,3,")), "{csv}");
+        assert!(csv.contains("grazing_psnr_db") && csv.contains(",inf,"));
+    }
+}
