@@ -70,22 +70,6 @@ impl Method {
         }
     }
 
-    /// What N is for it; `None` where it has no use for one.
-    pub fn parameter(self) -> Option<&'static str> {
-        match self {
-            Method::Quadtree | Method::GridWalk | Method::BruteForce => Some("parts of each triangle's side"),
-            Method::None => None,
-        }
-    }
-
-    /// Whether it shows the relief in outlines, or leaves those of the base mesh.
-    pub fn changes_silhouette(self) -> bool {
-        match self {
-            Method::Quadtree | Method::GridWalk | Method::BruteForce => true,
-            Method::None => false,
-        }
-    }
-
     /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
     /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
@@ -99,7 +83,7 @@ impl Method {
 
     /// Whether something is stored for it that other methods do without, so that a scene is loaded for it alone.
     pub fn has_own_store(self) -> bool {
-        matches!(self, Method::Tessellate | Method::Sphere) || self.has_own_map()
+        matches!(self, Method::Tessellate | Method::Sphere) || method::has_own_map(self.id())
     }
 
     /// Whether it intersects what is stored for one view and one place of each triangle.

@@ -69,6 +69,8 @@ pub struct Bytes {
     pub height_ranges: u64,
     /// Distance maps; 0 where none is read.
     pub distances: u64,
+    /// Maps of normals or of offsets; 0 where none is read.
+    pub normal_texels: u64,
     /// Seams and their sides.
     pub seams: u64,
     /// Texels of the colour maps.
@@ -264,6 +266,7 @@ impl Bytes {
             distances: u64::from(distance_maps(buffers.displacements.len(), job.features))
                 * u64::from(WORDS)
                 * size_of::<f32>() as u64,
+            normal_texels: bytes(&buffers.normal_texels),
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
             materials: bytes(&buffers.materials),
@@ -280,7 +283,7 @@ impl Bytes {
 
     /// Height maps, and what is made of them.
     pub(crate) fn height_maps(&self) -> u64 {
-        self.height_texels + self.height_ranges
+        self.height_texels + self.height_ranges + self.distances + self.normal_texels
     }
 
     /// Everything but the film and the colour maps, which are the same whatever the method.
@@ -298,12 +301,18 @@ impl Bytes {
             materials,
             lights,
             instances,
+            micro_vertices,
+            distances,
+            normal_texels,
             film: _,
         } = self;
         vertices
             + triangles
             + nodes
             + primitives
+            + micro_vertices
+            + distances
+            + normal_texels
             + height_texels
             + height_ranges
             + seams

@@ -78,9 +78,7 @@ impl RenderArgs {
         line.option("--size", size.map(|(width, height)| format!("{width}x{height}")));
         line.option("--samples", Some(samples.unwrap_or(SAMPLES)));
         line.choice("--method", *method);
-        if let Some(path) = normal_map {
-            line.path("--normal-map", path);
-        }
+        line.text("--normal-map", normal_map.as_deref().map(Path::to_string_lossy).as_deref());
         line.choice("--normal-space", *normal_space);
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);

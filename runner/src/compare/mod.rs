@@ -318,7 +318,8 @@ mod tests {
     #[test]
     fn what_a_method_cannot_take_is_skipped_and_a_lost_device_is_not() {
         let configuration = Configuration { method: Method::GridWalk, n: None };
-        let refused = skipped(configuration, RenderError::WalkOfVectors.into()).expect("skipped");
+        let of_vectors = RenderError::MethodOfVectors { method: Method::GridWalk };
+        let refused = skipped(configuration, of_vectors.into()).expect("skipped");
         assert!(refused.reason.contains("grid-walk"));
         let lost = BackendError::DeviceLost { device: String::new(), what: "" };
         assert!(skipped(configuration, lost.into()).is_err());
