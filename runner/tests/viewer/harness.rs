@@ -1,14 +1,17 @@
 //! A display of its own, and a viewer in it.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A display, with a folder in which it keeps what its screen shows.
+/// A display, with a folder in which it keeps what is its own.
 pub(crate) struct Display {
     server: Child,
-    pub(crate) name: String,
+    /// How programs find it.
+    pub(crate) environment: Vec<(&'static str, OsString)>,
     folder: TempDir,
 }
 
@@ -19,26 +22,49 @@ impl Drop for Display {
     }
 }
 
+/// The server that a command starts, or nothing on a machine without it that is not CI.
+fn started(command: &mut Command) -> Option<Child> {
+    match command.stderr(Stdio::null()).spawn() {
+        Ok(server) => Some(server),
+        Err(error) => {
+            let missing =
+                format!("{command:?} is missing ({error}); `cargo xtask test packages` installs it");
+            assert!(std::env::var_os("CI").is_none(), "{missing}");
+            let _ = writeln!(std::io::stderr(), "NOT TESTED: {missing}");
+            None
+        }
+    }
+}
+
 impl Display {
-    /// A display, or nothing on a machine without Xvfb that is not CI.
+    /// One of X11, in memory.
     pub(crate) fn start() -> Option<Display> {
         let folder = tempfile::tempdir().expect("a folder");
         let mut xvfb = Command::new("Xvfb");
         xvfb.args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-fbdir"]);
-        let started = xvfb.arg(folder.path()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
-        let mut server = match started {
-            Ok(server) => server,
-            Err(error) if std::env::var_os("CI").is_none() => {
-                let remedy = "`cargo xtask test packages` installs it";
-                let _ = writeln!(std::io::stderr(), "NOT TESTED: Xvfb is missing ({error}); {remedy}");
-                return None;
-            }
-            Err(error) => panic!("Xvfb is missing ({error}); `cargo xtask test packages` installs it"),
-        };
+        let mut server = started(xvfb.arg(folder.path()).stdout(Stdio::piped()))?;
         let mut number = String::new();
         let told = server.stdout.take().expect("piped");
         BufReader::new(told).read_line(&mut number).expect("Xvfb tells its number");
-        Some(Display { server, name: format!(":{}", number.trim()), folder })
+        let environment = vec![("DISPLAY", format!(":{}", number.trim()).into())];
+        Some(Display { server, environment, folder })
+    }
+
+    /// One of Wayland, that shows its screen to nobody.
+    pub(crate) fn wayland() -> Option<Display> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut weston = Command::new("weston");
+        weston.args(["--backend=headless-backend.so", "--socket=wayland-test", "--idle-time=0"]);
+        let server = started(weston.env("XDG_RUNTIME_DIR", folder.path()).stdout(Stdio::null()))?;
+        let socket = folder.path().join("wayland-test");
+        let start = Instant::now();
+        while !socket.exists() {
+            assert!(start.elapsed() < Duration::from_secs(30), "weston has no socket");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let environment =
+            vec![("WAYLAND_DISPLAY", "wayland-test".into()), ("XDG_RUNTIME_DIR", folder.path().into())];
+        Some(Display { server, environment, folder })
     }
 
     /// What its screen shows: `0x00RRGGBB`, by column and row. The file is an X window dump: a header of words with their
@@ -56,7 +82,7 @@ impl Display {
     }
 
     pub(crate) fn xdotool(&self, arguments: &[&str]) -> String {
-        let output = Command::new("xdotool").args(arguments).env("DISPLAY", &self.name).output();
+        let output = Command::new("xdotool").args(arguments).envs(self.environment.clone()).output();
         let output = output.expect("xdotool, which `cargo xtask test packages` installs");
         assert!(output.status.success(), "xdotool {arguments:?}: {output:?}");
         String::from_utf8_lossy(&output.stdout).trim().to_owned()
@@ -79,7 +105,12 @@ pub(crate) struct Ended {
 
 pub(crate) fn emboss(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_emboss"));
-    command.current_dir(folder);
+    // Displays are the tests' own.
+    command
+        .current_dir(folder)
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .env_remove("WAYLAND_SOCKET");
     command
 }
 
@@ -93,7 +124,7 @@ impl Viewer {
         std::fs::write(place.path().join("script"), script).expect("writable");
         let mut command = emboss(place.path());
         command.arg("view").args(arguments).args(["--script=script", "--output=a.png"]);
-        command.env("DISPLAY", &display.name).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.envs(display.environment.clone()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut program = command.spawn().expect("the program starts");
         let said = BufReader::new(program.stdout.take().expect("piped"));
         Viewer { program, said, place }

@@ -113,28 +113,29 @@ fn memory_is_stable() {
     assert_memory_is_stable(&["--backend=cpu"]);
 }
 
-/// While a pass takes longer than all that, the window is redrawn 30 times, and answers: what it does at a time takes no more
-/// than 50 ms. Of a machine that is busy with other tests too, whose scheduler gives a thread its turn later than that at
-/// times, a tenth of the pictures may take longer.
-fn assert_answers(backend: &[&str]) {
-    let Some(display) = Display::start() else { return };
-    let scene = ["builtin:cube", "-", "-", "-", "-", "64", "--method=brute-force", "--size=320x240"];
-    let arguments = [&scene, backend].concat();
+/// While passes take longer than all that, the window is redrawn 30 times, and answers: what it does at a time takes no more
+/// than 50 ms, but for a share of the pictures. On a machine that is busy with other tests the scheduler gives a thread its
+/// turn later than that at times.
+fn assert_answers(arguments: &[&str], most_late: f64) -> u32 {
+    let Some(display) = Display::start() else { return 0 };
     let script = "hold right\nframes 30\nrelease right\nkey equal\nframes 2\nsay SEEN\nanswers PROMPT\nquit";
-    let mut viewer = Viewer::start(&display, &arguments, script);
-    assert_eq!(viewer.hears("SEEN"), 0, "no pass over all pixels is done by then");
+    let mut viewer = Viewer::start(&display, arguments, script);
+    let samples = viewer.hears("SEEN");
     let line = viewer.line();
     let words: Vec<_> = line.split(' ').collect();
     let [_, longest_ms, late, shown] = words[..] else { panic!("{line}") };
-    let _ = writeln!(std::io::stderr(), "{backend:?}: {longest_ms} ms at most, {late} of {shown} late");
-    let count = |word: &str| word.parse::<u32>().expect("a number");
-    assert!(count(shown) >= 32 && 10 * count(late) <= count(shown), "{line}");
+    let _ = writeln!(std::io::stderr(), "{arguments:?}: {longest_ms} ms at most, {late} of {shown} late");
+    let count = |word: &str| word.parse::<f64>().expect("a number");
+    assert!(count(shown) >= 32.0 && count(late) <= most_late * count(shown), "{line}");
     viewer.ends_well();
+    samples
 }
 
 #[test]
 fn window_answers_while_a_pass_takes_long() {
-    assert_answers(&["--backend=cpu"]);
+    let scene =
+        ["builtin:cube", "-", "-", "-", "-", "64", "--method=brute-force", "--size=320x240", "--backend=cpu"];
+    assert_eq!(assert_answers(&scene, 0.1), 0, "no pass over all pixels is done by then");
 }
 
 /// From the start of the program to a picture of the built-in scene, against a program that renders as large a picture: 1/8
@@ -256,6 +257,23 @@ fn window_hears_the_display() {
     assert_hears(&["--backend=cpu"]);
 }
 
+/// The same pictures on Wayland: sizes, keys, and what was saved. Nobody sees the screen.
+fn assert_shows_on_wayland(backend: &[&str]) {
+    let Some(display) = Display::wayland() else { return };
+    let script = "samples 1\nhold right\nframes 3\nrelease right\nsize 96 72\nframes 1\nrenew\nsamples 2\nframes 2\n\
+        key p\nmessage wrote\nquit";
+    let arguments = [&QUICK[..], backend, &["--size=120x90", "--samples=2"]].concat();
+    let place = Viewer::start(&display, &arguments, script).ends_well();
+    let (rendered, saved) = rendered_again(place.path(), "a.png");
+    assert_eq!(saved.dimensions(), (96, 72));
+    assert!(rendered == saved);
+}
+
+#[test]
+fn window_opens_on_wayland() {
+    assert_shows_on_wayland(&["--backend=cpu"]);
+}
+
 #[test]
 fn settings_go_back_to_what_was_loaded() {
     let Some(display) = Display::start() else { return };
@@ -299,9 +317,7 @@ fn files_are_read_again_when_they_change() {
 #[test]
 fn no_display_points_to_render() {
     let place = tempfile::tempdir().expect("a folder");
-    let output =
-        emboss(place.path()).arg("view").env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").output();
-    let output = output.expect("the program starts");
+    let output = emboss(place.path()).arg("view").output().expect("the program starts");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     assert!(stderr.contains("no display") && stderr.contains("`emboss render`"), "{stderr}");
@@ -342,14 +358,22 @@ mod vulkan {
         assert_memory_is_stable(&LAVAPIPE);
     }
 
+    /// To present here is to wait until the renderer's submission has ended, which aims at 20 ms and not always meets it;
+    /// those that follow another scale are not cut.
     #[test]
     fn window_answers_while_a_pass_takes_long() {
-        assert_answers(&LAVAPIPE);
+        let scene = ["builtin:cube", "-", "-", "-", "-", "64", "--size=640x480"];
+        assert_answers(&[&scene[..], &LAVAPIPE].concat(), 0.3);
     }
 
     #[test]
     fn window_hears_the_display() {
         assert_hears(&LAVAPIPE);
+    }
+
+    #[test]
+    fn window_opens_on_wayland() {
+        assert_shows_on_wayland(&LAVAPIPE);
     }
 
     #[test]
@@ -359,7 +383,7 @@ mod vulkan {
         let none = place.path().join("none.json");
         let output = emboss(place.path())
             .args(["view", "--backend=vulkan"])
-            .env("DISPLAY", &display.name)
+            .envs(display.environment.clone())
             .env("VK_DRIVER_FILES", &none)
             .env("VK_ICD_FILENAMES", &none)
             .output()
