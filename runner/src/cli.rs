@@ -26,7 +26,7 @@ use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
 use crate::stats::{SettingsUsed, Stats, StatsError};
-use crate::view::{ScriptError, ViewError};
+use crate::view::{ScriptError, Unread, ViewError};
 use clap::Parser;
 use emboss_kernels::interface::counter;
 use glam::Vec3;
@@ -35,7 +35,7 @@ use interrupt::Interrupt;
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::EnvFilter;
@@ -279,6 +279,14 @@ enum CliError {
 }
 
 impl CliError {
+    /// The file of a scene that cannot be used, where it is one.
+    fn file(&self) -> Option<&Path> {
+        match self {
+            CliError::Input(error) => error.file(),
+            _ => None,
+        }
+    }
+
     fn exit_code(&self) -> u8 {
         match self {
             CliError::DepthWithoutPng(_)
@@ -311,7 +319,7 @@ impl CliError {
                 | RenderError::StoredOnce { .. },
             )) => 2,
             // What the arguments name is read by the viewer's own thread.
-            CliError::View(ViewError::Source(error)) => {
+            CliError::View(ViewError::Source(Unread { error, .. })) => {
                 error.downcast_ref::<CliError>().map_or(1, CliError::exit_code)
             }
             // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
@@ -707,6 +715,18 @@ mod tests {
         let args = parsed(&["emboss", "render", "--eye", "-1,2,3", "--light", "-1,0,0:1,1,0:5"]);
         assert_eq!(args.eye, Some(Vec3::new(-1.0, 2.0, 3.0)));
         assert_eq!(args.lights[0].intensity, Some(5.0));
+    }
+
+    #[test]
+    fn lost_device_is_a_failure_that_tells_the_command() {
+        let failure = BackendError::DeviceLost { device: "Card".to_owned(), what: "rendering" }.into();
+        let error = CliError::View(ViewError::Lost { failure, command: "emboss render a.obj".to_owned() });
+        assert_eq!(error.exit_code(), 1);
+        let text = error.to_string();
+        assert!(
+            text.starts_with("Card was lost") && text.ends_with("again by: emboss render a.obj"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -66,26 +66,31 @@ impl RenderArgs {
         } = self;
         let mut line = Line(vec!["emboss".to_owned(), command.to_owned()]);
         line.positional([
-            model.as_ref().and_then(model_text),
-            color.as_ref().and_then(map_text),
-            height.as_ref().and_then(map_text),
+            model.as_ref().and_then(model_word),
+            color.as_ref().and_then(map_word),
+            height.as_ref().and_then(map_word),
             zero.and_then(given_text),
             scale.and_then(given_text),
             subdivisions.and_then(given_text),
         ]);
-        line.text("--output", output.map(Path::to_string_lossy).as_deref());
+        if let Some(output) = output {
+            line.0.extend(["--output".to_owned(), path_word(output)]);
+        }
         line.option("--depth", depth.map(|depth| if depth == PictureFormat::Png16 { 16 } else { 8 }));
         line.option("--size", size.map(|(width, height)| format!("{width}x{height}")));
         line.option("--samples", Some(samples.unwrap_or(SAMPLES)));
         line.choice("--method", *method);
-        line.text("--normal-map", normal_map.as_deref().map(Path::to_string_lossy).as_deref());
+        if let Some(path) = normal_map {
+            line.0.extend(["--normal-map".to_owned(), path_word(path)]);
+        }
         line.choice("--normal-space", *normal_space);
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
         line.choice("--shade", *shade);
         line.assignment("--smooth", smooth.map(switch_text));
         line.choice("--backend", (*backend != BackendChoice::Auto).then_some(*backend));
-        line.text("--device", device.as_deref());
+        line.assignment("--device", device.as_ref().filter(|device| device.starts_with('-')));
+        line.text("--device", device.as_deref().filter(|device| !device.starts_with('-')));
         line.assignment("--eye", eye.map(vector_text));
         line.assignment("--target", target.map(vector_text));
         line.assignment("--up", up.map(vector_text));
@@ -113,10 +118,10 @@ impl RenderArgs {
 struct Line(Vec<String>);
 
 impl Line {
-    /// Arguments in their order; what is left out before one that is given is `-`.
+    /// Arguments in their order, quoted; what is left out before one that is given is `-`.
     fn positional(&mut self, words: [Option<String>; 6]) {
         let given = words.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
-        self.0.extend(words.into_iter().take(given).map(|word| quoted(word.as_deref().unwrap_or("-"))));
+        self.0.extend(words.into_iter().take(given).map(|word| word.unwrap_or_else(|| "-".to_owned())));
     }
 
     fn option(&mut self, name: &str, value: Option<impl Display>) {
@@ -151,19 +156,35 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-fn model_text(model: &ModelArgument) -> Option<String> {
+/// A path as a shell takes it, and after it this program: one that begins with a minus is no option. Of one that is not UTF-8 the bytes are named, which most shells but not all of them know.
+fn path_word(path: &Path) -> String {
+    let bytes = path.as_os_str().as_encoded_bytes();
+    let is_marked = bytes.starts_with(b"-");
+    let mark = if is_marked { "./" } else { "" };
+    if let Some(text) = path.to_str() {
+        return quoted(&format!("{mark}{text}"));
+    }
+    let letter = |&byte: &u8| match byte {
+        b'\'' | b'\\' => format!("\\{}", char::from(byte)),
+        b' '..=b'~' => char::from(byte).to_string(),
+        _ => format!("\\x{byte:02x}"),
+    };
+    format!("$'{mark}{}'", bytes.iter().map(letter).collect::<String>())
+}
+
+fn model_word(model: &ModelArgument) -> Option<String> {
     match model {
         ModelArgument::Default => None,
-        ModelArgument::Builtin(name) => Some(name.clone()),
-        ModelArgument::File(path) | ModelArgument::Scene(path) => Some(path.to_string_lossy().into_owned()),
+        ModelArgument::Builtin(name) => Some(quoted(name)),
+        ModelArgument::File(path) | ModelArgument::Scene(path) => Some(path_word(path)),
     }
 }
 
-fn map_text(map: &MapArgument) -> Option<String> {
+fn map_word(map: &MapArgument) -> Option<String> {
     match map {
         MapArgument::Default => None,
         MapArgument::None => Some("none".to_owned()),
-        MapArgument::File(path) => Some(path.to_string_lossy().into_owned()),
+        MapArgument::File(path) => Some(path_word(path)),
     }
 }
 
@@ -242,6 +263,27 @@ mod tests {
         let again = parsed(&words(&line).iter().map(String::as_str).collect::<Vec<_>>());
         assert_eq!(format!("{again:?}"), format!("{args:?}"), "{line}");
         assert!(line.contains(r"'it'\''s.obj'"), "{line}");
+    }
+
+    /// A `-x.png` may be the value of --output=, or of an argument after `--`.
+    #[test]
+    fn paths_with_a_minus_are_no_options() {
+        let args = parsed(&["emboss", "render", "--output=-x.png", "--device=-7", "--", "-m.obj"]);
+        let line = args.command_line();
+        assert_eq!(line, "emboss render ./-m.obj --output ./-x.png --samples 4 --device=-7");
+        let again = parsed(&words(&line).iter().map(String::as_str).collect::<Vec<_>>());
+        assert_eq!((again.output, again.device), ("./-x.png".into(), Some("-7".to_owned())));
+    }
+
+    /// A shell takes them back to the bytes that they were.
+    #[cfg(unix)]
+    #[test]
+    fn paths_need_not_be_text() {
+        use std::os::unix::ffi::OsStrExt;
+        let path = Path::new(std::ffi::OsStr::from_bytes(b"-it's \\n\xff$9.obj"));
+        let word = path_word(path);
+        let output = std::process::Command::new("bash").args(["-c", &format!("printf %s {word}")]).output();
+        assert_eq!(output.expect("bash").stdout, b"./-it's \\n\xff$9.obj", "{word}");
     }
 
     #[test]

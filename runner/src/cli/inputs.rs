@@ -85,10 +85,10 @@ pub(super) struct Inputs {
     pub(super) view: Option<(Vec3, Vec3)>,
     /// Its lights.
     pub(super) lights: Vec<Light>,
-    /// The scale of all materials that have a height map, where it is one.
+    /// Whether any material has a height map.
+    pub(super) is_displaced: bool,
+    /// The scale of all materials that have one, where it is one.
     pub(super) scale: Option<f32>,
-    /// The texel value of no displacement of those materials, where it is one.
-    pub(super) zero: Option<f32>,
     /// The files that were read, apart from the libraries of materials that an OBJ names.
     pub(super) files: Vec<PathBuf>,
 }
@@ -128,6 +128,16 @@ pub(super) enum InputError {
     /// A file cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
+}
+
+impl InputError {
+    /// The file that cannot be used, where it is one.
+    pub(super) fn file(&self) -> Option<&Path> {
+        match self {
+            InputError::Scene(error) => Some(error.file()),
+            _ => None,
+        }
+    }
 }
 
 impl ModelArgument {
@@ -249,7 +259,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     }
     let sources = || models.iter().flat_map(|model| &model.materials).map(|material| &material.source);
     let displaced = || sources().filter(|source| source.height.is_some());
-    let (scale, zero) = (agreed(displaced().map(|source| source.scale)), agreed(displaced().map(|s| s.zero)));
+    let (scale, is_displaced) =
+        (agreed(displaced().map(|source| source.scale)), displaced().next().is_some());
     let mut files: Vec<_> = request.scene.map(|scene| scene.path.clone()).into_iter().collect();
     files.extend(models.iter().filter_map(|model| model.file.clone()));
     files.extend(
@@ -276,8 +287,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         }
     }
     let scene = assembly.finish(subdivisions.most());
-    let zero = zero.map(|zero| zero.unwrap_or(ZERO));
-    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, scale, zero, files })
+    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, is_displaced, scale, files })
 }
 
 fn zero_of_heights(material: &Described) -> (String, &'static str) {

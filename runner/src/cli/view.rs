@@ -3,9 +3,9 @@
 use super::values::OrDefault;
 use super::{CliError, RenderArgs};
 use crate::settings::{Light, Method};
-use crate::view::{Loaded, Options, Pose, Script, Shot, Source, run};
-use std::error::Error;
-use std::path::PathBuf;
+use crate::view::{Engine, Loaded, Options, Pose, Script, Shot, Source, Unread, run};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Samples of a pixel after which a picture is as good as it gets: noise is 1/64 of that of one sample.
 const MOST_SAMPLES: u32 = 4096;
@@ -23,6 +23,7 @@ pub(super) struct ViewArgs {
 
 impl ViewArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
+        let start = Instant::now();
         let mut args = self.render;
         if args.stats.is_some() {
             return Err(CliError::StatsOfView);
@@ -49,6 +50,7 @@ impl ViewArgs {
             validate: args.validate,
             output,
             script,
+            start,
         };
         Ok(run(Box::new(Files { args }), options)?)
     }
@@ -60,12 +62,24 @@ struct Files {
 }
 
 impl Source for Files {
-    fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>> {
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Unread> {
         let zero = zero.map(OrDefault::Given).or(self.args.zero);
-        let (settings, inputs, _) = RenderArgs { zero, ..self.args.clone() }.read()?;
-        let (scale, zero, mut files) = (inputs.scale, inputs.zero, inputs.files);
+        // The scales are left as they are: the viewer multiplies them as this command line would.
+        let args = RenderArgs { zero, exaggerate: None, ..self.args.clone() };
+        let (settings, inputs, _) = args.read().map_err(|error| {
+            let file = error.file().map(Path::to_owned);
+            Unread { error: error.into(), file }
+        })?;
+        let mut files = inputs.files;
         files.extend(self.args.normal_map.clone());
-        Ok(Loaded { scene: inputs.scene, settings, scale, zero, files })
+        Ok(Loaded {
+            scene: inputs.scene,
+            settings,
+            is_displaced: inputs.is_displaced,
+            exaggeration: self.args.exaggerate.unwrap_or(1.0),
+            scale: inputs.scale,
+            files,
+        })
     }
 
     fn command(&self, shot: &Shot<'_>) -> String {
@@ -76,22 +90,17 @@ impl Source for Files {
 /// The arguments of a shot.
 fn tuned(args: &RenderArgs, shot: &Shot<'_>) -> RenderArgs {
     let tuning = shot.tuning;
-    let mut args = RenderArgs { size: Some(shot.size), samples: Some(shot.samples), ..args.clone() };
+    let Engine { backend, device } = shot.engine.clone();
+    let mut args =
+        RenderArgs { size: Some(shot.size), samples: Some(shot.samples), backend, device, ..args.clone() };
+    if let Some(output) = shot.output {
+        args.output = output.to_owned();
+    }
     if let Some(Pose { eye, target, up, fov }) = tuning.pose {
         (args.eye, args.target, args.up, args.fov) = (Some(eye), Some(target), Some(up), Some(fov));
     }
-    if let Some(factor) = tuning.exaggeration {
-        match shot.scale {
-            Some(scale) => {
-                // What was exaggerated before is part of the scale.
-                args.scale = Some(OrDefault::Given(scale * factor));
-                args.exaggerate = None;
-            }
-            None => args.exaggerate = Some(args.exaggerate.unwrap_or(1.0) * factor),
-        }
-    }
-    let given = |value| OrDefault::Given(value);
-    args.zero = tuning.zero.map(given).or(args.zero);
+    args.exaggerate = tuning.exaggeration.or(args.exaggerate);
+    args.zero = tuning.zero.map(OrDefault::Given).or(args.zero);
     args.subdivisions = tuning.subdivisions.map(OrDefault::Given).or(args.subdivisions);
     args.method = tuning.method.or(args.method);
     if args.method.is_some_and(|method| method != Method::NormalMap) {
@@ -107,4 +116,50 @@ fn tuned(args: &RenderArgs, shot: &Shot<'_>) -> RenderArgs {
         args.lights = Vec::<Light>::from(shot.lights);
     }
     args
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Cli, Command};
+    use super::*;
+    use crate::backend::select::BackendChoice;
+    use crate::view::Tuning;
+    use clap::Parser;
+
+    fn command(given: &str, tuning: &Tuning, engine: &Engine, output: Option<&Path>) -> String {
+        let cli = Cli::try_parse_from(given.split_whitespace()).expect("valid");
+        let Command::View(view) = cli.command else { panic!("not view") };
+        let shot = Shot { tuning, lights: &[], size: (3, 5), samples: 7, engine, output };
+        tuned(&view.render, &shot).command_line()
+    }
+
+    /// What `auto` took is said, so that the picture is the same elsewhere, or there is an error.
+    #[test]
+    fn command_names_what_renders() {
+        let view = |engine: &Engine| command("emboss view", &Tuning::default(), engine, None);
+        let cpu = Engine { backend: BackendChoice::Cpu, device: None };
+        let card = Engine { backend: BackendChoice::Vulkan, device: Some("Card 4".to_owned()) };
+        let line =
+            |engine: &str| format!("emboss render --output emboss.png --size 3x5 --samples 7 {engine}");
+        assert_eq!(view(&cpu), line("--backend cpu"));
+        assert_eq!(view(&card), line("--backend vulkan --device 'Card 4'"));
+    }
+
+    /// Run again it makes the picture that it is in, and no other is lost.
+    #[test]
+    fn command_writes_what_it_was_saved_as() {
+        let cpu = Engine { backend: BackendChoice::Cpu, device: None };
+        let saved = Some(Path::new("a-1.png"));
+        let line = command("emboss view --output a.png", &Tuning::default(), &cpu, saved);
+        assert!(line.contains("--output a-1.png") && !line.contains(" a.png"), "{line}");
+    }
+
+    /// The scale itself stays: the product would be rounded in another order.
+    #[test]
+    fn command_multiplies_as_the_viewer_does() {
+        let cpu = Engine { backend: BackendChoice::Cpu, device: None };
+        let tuning = Tuning { exaggeration: Some(0.33), ..Tuning::default() };
+        let line = command("emboss view m.obj - - - 0.7 --exaggerate 0.3", &tuning, &cpu, None);
+        assert!(line.contains("m.obj - - - 0.7") && line.contains("--exaggerate=0.33"), "{line}");
+    }
 }

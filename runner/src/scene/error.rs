@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A model or a map that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -118,6 +118,27 @@ pub enum SceneError {
         /// The greatest width and height.
         limit: u32,
     },
+}
+
+impl SceneError {
+    /// The file that cannot be used.
+    pub fn file(&self) -> &Path {
+        match self {
+            SceneError::NamedBySceneFile { source, .. } => source.file(),
+            SceneError::Unreadable { path, .. }
+            | SceneError::NotUtf8 { path, .. }
+            | SceneError::Obj { path, .. }
+            | SceneError::SceneFile { path, .. }
+            | SceneError::NoFaces { path }
+            | SceneError::NoTriangles { path, .. }
+            | SceneError::Tobj { path, .. }
+            | SceneError::NotAnImage { path }
+            | SceneError::Decode { path, .. }
+            | SceneError::NoTexels { path, .. }
+            | SceneError::NoVectors { path }
+            | SceneError::TooManyTexels { path, .. } => path,
+        }
+    }
 }
 
 /// What is wrong with a scene file, and what to do about it.

@@ -3,12 +3,12 @@
 use super::canvas::{Canvas, Font};
 use super::input::Input;
 use super::overlay::{self, Status};
-use super::present::{self, PresentError, Presenter};
-use super::renderer::{Handle, Report, Seen, Setup, Wanted};
+use super::present::{self, Opened, PresentError, Presenter};
+use super::renderer::{Handle, Reading, Report, Seen, Setup, Wanted};
+use super::screen::{Answers, RETRY, Screen};
 use super::script::{Script, Step};
 use super::state::{Effect, State};
-use super::{Options, Shot, Source, ViewError};
-use crate::backend::BackendError;
+use super::{Engine, Failure, Options, Shot, Source, ViewError};
 use crate::backend::vulkan::Shown;
 use std::io::Write;
 use std::sync::Arc;
@@ -25,8 +25,6 @@ use winit::window::{CursorGrabMode, Window, WindowId};
 
 /// How often the camera moves while a key is held.
 const TICK: Duration = Duration::from_millis(16);
-/// How soon what could not be done is tried again.
-const RETRY: Duration = Duration::from_millis(5);
 /// How often the window's title changes.
 const TITLE: Duration = Duration::from_millis(250);
 /// How long a step of a script waits.
@@ -42,9 +40,10 @@ pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewE
         let reason = error.rsplit(": ").next().unwrap_or(&error).trim_end_matches('.').to_owned();
         ViewError::NoDisplay { reason }
     })?;
-    let mut app = App::new(source, options, event_loop.create_proxy());
+    let reading = Reading::start(&source);
+    let mut app = App::new(source, reading, options, event_loop.create_proxy());
     let ended = event_loop.run_app(&mut app);
-    tracing::debug!("the window answered within {:.1} ms", 1e3 * app.longest_turn.as_secs_f64());
+    tracing::debug!("the window answered within {:.1} ms", milliseconds(app.answers.longest));
     match (app.error, ended) {
         (Some(error), _) => Err(error),
         (None, Err(error)) => Err(ViewError::Window { reason: error.to_string() }),
@@ -52,8 +51,14 @@ pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewE
     }
 }
 
+fn milliseconds(time: Duration) -> f64 {
+    1e3 * time.as_secs_f64()
+}
+
 struct App {
     source: Arc<dyn Source>,
+    /// The scene, until the thread that renders has it.
+    reading: Option<Reading>,
     options: Options,
     proxy: EventLoopProxy<()>,
     state: State,
@@ -71,9 +76,13 @@ struct App {
     step_since: Option<Instant>,
     clipboard: Option<arboard::Clipboard>,
     last_tick: Instant,
+    /// When the title was set last.
     last_title: Option<Instant>,
+    /// Whether it says what was so before.
+    is_title_stale: bool,
     turn: Instant,
-    longest_turn: Duration,
+    /// Since the first picture.
+    answers: Answers,
     error: Option<ViewError>,
 }
 
@@ -83,16 +92,24 @@ struct Open {
     reports: Receiver<Report>,
     presenter: Box<dyn Presenter>,
     window: Arc<Window>,
-    /// Width and height of pictures, once they are known; `None` where none can be seen.
-    size: Option<(u32, u32)>,
-    /// Whether the newest picture is to be shown.
-    is_to_be_shown: bool,
+    engine: Engine,
+    screen: Screen,
+}
+
+impl Drop for Open {
+    /// The window closes at once, though the thread may have to finish something first. Where the system hides no windows
+    /// it goes when the thread has ended.
+    fn drop(&mut self) {
+        self.renderer.quit();
+        self.window.set_visible(false);
+    }
 }
 
 impl App {
-    fn new(source: Arc<dyn Source>, options: Options, proxy: EventLoopProxy<()>) -> App {
+    fn new(source: Arc<dyn Source>, reading: Reading, options: Options, proxy: EventLoopProxy<()>) -> App {
         App {
             source,
+            reading: Some(reading),
             options,
             proxy,
             state: State::new(),
@@ -106,8 +123,9 @@ impl App {
             clipboard: None,
             last_tick: Instant::now(),
             last_title: None,
+            is_title_stale: true,
             turn: Instant::now(),
-            longest_turn: Duration::ZERO,
+            answers: Answers::default(),
             error: None,
         }
     }
@@ -119,23 +137,27 @@ impl App {
         let failed = |error: winit::error::OsError| ViewError::Window { reason: error.to_string() };
         let window = Arc::new(event_loop.create_window(attributes).map_err(failed)?);
         let device = options.device.as_deref();
-        let (presenter, engine) = present::open(&window, options.backend, device, options.validate)?;
-        self.status.device = engine.device_name();
+        let opened = present::open(&window, options.backend, device, options.validate)?;
+        let Opened { presenter, start, engine, device: name } = opened;
+        self.status.device = name;
         let (sender, reports) = channel();
         let proxy = self.proxy.clone();
-        let report = Box::new(move |report| {
+        let report = Arc::new(move |report| {
             // Where the window is gone no one wants to know.
             let _ = sender.send(report);
             let _ = proxy.send_event(());
         });
         let renderer = Handle::start(Setup {
-            engine,
+            start,
+            engine: engine.clone(),
+            is_replaceable: present::is_replaceable(options.backend, device),
             source: Arc::clone(&self.source),
+            reading: self.reading.take().unwrap_or_else(|| Reading::start(&self.source)),
             samples: options.samples,
             output: options.output.clone(),
             report,
         });
-        Ok(Open { renderer, reports, presenter, window, size: None, is_to_be_shown: true })
+        Ok(Open { renderer, reports, presenter, window, engine, screen: Screen::new() })
     }
 
     fn fail(&mut self, event_loop: &ActiveEventLoop, error: ViewError) {
@@ -146,14 +168,14 @@ impl App {
     /// Asks the renderer for what is to be seen now.
     fn want(&mut self) {
         let Some(open) = &self.open else { return };
-        let Some(size) = open.size else { return };
+        let Some(size) = open.screen.size else { return };
         self.serial += 1;
         open.renderer.want(Wanted { serial: self.serial, tuning: self.state.tuning.clone(), size });
     }
 
     fn redraw(&mut self) {
         if let Some(open) = &mut self.open {
-            open.is_to_be_shown = true;
+            open.screen.is_stale = true;
             open.window.request_redraw();
         }
     }
@@ -177,17 +199,22 @@ impl App {
         }
     }
 
-    /// The command line of what is seen, in the terminal and on the clipboard.
-    fn copy_command(&mut self) {
-        let Some(size) = self.open.as_ref().and_then(|open| open.size) else { return };
-        let lights = self.state.lights();
-        let command = self.source.command(&Shot {
+    /// The command line of what is wanted now.
+    fn command(&self) -> Option<String> {
+        let (open, lights) = (self.open.as_ref()?, self.state.lights());
+        Some(self.source.command(&Shot {
             tuning: &self.state.tuning,
             lights: &lights,
-            scale: self.state.scene.as_ref().and_then(|scene| scene.scale),
-            size,
+            size: open.screen.size.unwrap_or(self.options.size),
             samples: self.status.samples.max(1),
-        });
+            engine: &open.engine,
+            output: None,
+        }))
+    }
+
+    /// The command line of what is seen, in the terminal and on the clipboard.
+    fn copy_command(&mut self) {
+        let Some(command) = self.command() else { return };
         // A terminal that is closed is no reason to end.
         let _ = writeln!(std::io::stdout(), "{command}");
         let copied = match &mut self.clipboard {
@@ -212,10 +239,12 @@ impl App {
         } else {
             window.set_cursor_grab(CursorGrabMode::None)
         };
+        let is_held = is_captured && grabbed.is_ok();
+        window.set_cursor_visible(!is_held);
         if let Err(error) = grabbed {
-            self.state.message = format!("the mouse cannot be held in the window ({error})");
+            tracing::debug!("the mouse cannot be held in the window: {error}");
+            self.state.release_mouse();
         }
-        window.set_cursor_visible(!is_captured);
         self.redraw();
     }
 
@@ -227,7 +256,10 @@ impl App {
             match report {
                 Report::Loaded(scene) => self.state.scene = Some(*scene),
                 Report::Message(message) => self.state.message = message,
-                Report::Failed(error) => self.fail(event_loop, *error),
+                Report::Kept(tunings) => self.state.tuning.take_back(&tunings[0], &tunings[1]),
+                Report::Replaced => self.replace(event_loop),
+                Report::Refused(error) => self.fail(event_loop, *error),
+                Report::Lost(failure) => self.lose(event_loop, *failure),
                 Report::Seen(seen) => {
                     self.state.framing = Some(seen.framing);
                     self.status.samples = seen.samples;
@@ -238,14 +270,31 @@ impl App {
             }
             self.redraw();
         }
-        self.set_title();
+        self.is_title_stale = true;
+    }
+
+    /// The CPU renders in place of the device, which may be of no more use to show pictures either.
+    fn replace(&mut self, event_loop: &ActiveEventLoop) {
+        let Some(open) = &mut self.open else { return };
+        match present::on_cpu(&open.window) {
+            Ok(Opened { presenter, engine, device, .. }) => {
+                (open.presenter, open.engine) = (presenter, engine);
+                self.status.device = device;
+            }
+            Err(error) => self.fail(event_loop, error),
+        }
+    }
+
+    /// When the title may change again, if it has to.
+    fn title_due(&self) -> Option<Instant> {
+        self.is_title_stale.then(|| self.last_title.map_or_else(Instant::now, |last| last + TITLE))
     }
 
     fn set_title(&mut self) {
-        if self.last_title.is_some_and(|last| last.elapsed() < TITLE) {
+        if self.title_due().is_none_or(|due| due > Instant::now()) {
             return;
         }
-        self.last_title = Some(Instant::now());
+        (self.last_title, self.is_title_stale) = (Some(Instant::now()), false);
         if let Some(open) = &self.open {
             open.window.set_title(&overlay::title(&self.options.title, &self.state, &self.status));
         }
@@ -254,26 +303,47 @@ impl App {
     /// Shows the newest picture with the panel.
     fn show(&mut self) -> Result<(), PresentError> {
         let Some(open) = &mut self.open else { return Ok(()) };
-        let size = open.presenter.size()?;
-        let is_resized = size.is_some() && open.size != size;
-        open.size = size;
-        if is_resized {
+        let was_hidden = open.screen.is_hidden;
+        let is_other = open.screen.takes(open.presenter.size()?);
+        let is_hidden = open.screen.is_hidden;
+        if was_hidden != is_hidden {
+            open.renderer.hide(is_hidden);
+        }
+        if is_other {
             self.want();
         }
+        if is_hidden {
+            return Ok(());
+        }
         let canvas = self.compose();
-        if let (Some(canvas), Some(open)) = (canvas, &mut self.open)
-            && open.presenter.show(&canvas)? == Shown::Yes
-        {
-            open.is_to_be_shown = false;
-            self.shown += 1;
+        if let (Some(canvas), Some(open)) = (canvas, &mut self.open) {
+            let is_shown = open.presenter.show(&canvas)? == Shown::Yes;
+            open.screen.shown(is_shown, Instant::now());
+            if is_shown {
+                self.count_shown();
+            }
         }
         Ok(())
+    }
+
+    /// Counts pictures, from the first that shows the model.
+    fn count_shown(&mut self) {
+        if self.seen.is_none() {
+            return;
+        }
+        if self.shown == 0 {
+            let took = self.options.start.elapsed();
+            tracing::debug!("the first picture was shown after {:.0} ms", milliseconds(took));
+            self.answers = Answers::default();
+            self.turn = Instant::now();
+        }
+        self.shown += 1;
     }
 
     /// The newest picture with the panel, of the size that the window takes.
     fn compose(&self) -> Option<Canvas> {
         let open = self.open.as_ref()?;
-        let (width, height) = open.size?;
+        let (width, height) = open.screen.size?;
         let nothing = Canvas::default();
         let picture = self.seen.as_ref().map_or(&nothing, |seen| &seen.canvas);
         let mut canvas = picture.scaled(width, height);
@@ -315,7 +385,7 @@ impl App {
                 let size = PhysicalSize::new(width, height);
                 let current = open.window.inner_size();
                 // Some systems have a new size at once, others tell of it later.
-                if open.size != Some((width, height)) {
+                if open.screen.size != Some((width, height)) {
                     if current != size {
                         let _ = open.window.request_inner_size(size);
                     }
@@ -324,7 +394,7 @@ impl App {
                 }
             }
             Step::Samples(samples) => {
-                let is_shown = self.open.as_ref().is_some_and(|open| !open.is_to_be_shown);
+                let is_shown = self.open.as_ref().is_some_and(|open| !open.screen.is_stale);
                 return is_shown && seen.is_some_and(|seen| seen.samples >= samples);
             }
             Step::Frames(frames) => {
@@ -338,6 +408,17 @@ impl App {
             Step::Message(text) => return self.state.message.starts_with(&text),
             Step::Say(text) => {
                 let _ = writeln!(std::io::stdout(), "{text} {}", self.status.samples);
+            }
+            Step::Answers(text) => {
+                let Answers { longest, late } = std::mem::take(&mut self.answers);
+                let longest = milliseconds(longest);
+                let _ = writeln!(std::io::stdout(), "{text} {longest:.1} {late} {}", self.shown);
+            }
+            Step::Renew => {
+                if let Some(Err(error)) = self.open.as_mut().map(|open| open.presenter.renew()) {
+                    self.fail_to_present(event_loop, error);
+                }
+                self.redraw();
             }
             Step::Grab(path) => {
                 let saved = self.compose().map(|canvas| canvas.save(&path));
@@ -354,14 +435,12 @@ impl App {
     /// When there is something to do without an event.
     fn next_turn(&self) -> ControlFlow {
         let now = Instant::now();
-        let is_waiting = self.open.as_ref().is_some_and(|open| open.is_to_be_shown && open.size.is_some());
-        if is_waiting || self.options.script.as_ref().is_some_and(|script| !script.is_done()) {
-            ControlFlow::WaitUntil(now + RETRY)
-        } else if self.state.is_moving() {
-            ControlFlow::WaitUntil(self.last_tick + TICK)
-        } else {
-            ControlFlow::Wait
-        }
+        let picture = self.open.as_ref().and_then(|open| open.screen.due(now));
+        let has_script = self.options.script.as_ref().is_some_and(|script| !script.is_done());
+        let script = has_script.then(|| now + RETRY);
+        let tick = self.state.is_moving().then(|| self.last_tick + TICK);
+        let next = [picture, script, tick, self.title_due()].into_iter().flatten().min();
+        next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil)
     }
 }
 
@@ -393,11 +472,11 @@ impl ApplicationHandler for App {
             | WindowEvent::Occluded(false) => {
                 self.redraw();
             }
-            WindowEvent::RedrawRequested => match self.show() {
-                Ok(()) => {}
-                Err(PresentError::Window(reason)) => self.fail(event_loop, ViewError::Window { reason }),
-                Err(PresentError::Backend(source)) => self.lose(event_loop, source),
-            },
+            WindowEvent::RedrawRequested => {
+                if let Err(error) = self.show() {
+                    self.fail_to_present(event_loop, error);
+                }
+            }
             event => {
                 if let Some(input) = input_of(&event) {
                     self.hear(event_loop, input);
@@ -423,13 +502,15 @@ impl ApplicationHandler for App {
                 self.want();
             }
         }
+        let now = Instant::now();
         if let Some(open) = &self.open
-            && open.is_to_be_shown
+            && open.screen.due(now) == Some(now)
         {
             open.window.request_redraw();
         }
+        self.set_title();
         event_loop.set_control_flow(self.next_turn());
-        self.longest_turn = self.longest_turn.max(self.turn.elapsed());
+        self.answers.add(self.turn);
     }
 
     /// The window goes before its display does.
@@ -440,17 +521,17 @@ impl ApplicationHandler for App {
 }
 
 impl App {
+    fn fail_to_present(&mut self, event_loop: &ActiveEventLoop, error: PresentError) {
+        match error {
+            PresentError::Window(reason) => self.fail(event_loop, ViewError::Window { reason }),
+            PresentError::Backend(source) => self.lose(event_loop, source.into()),
+        }
+    }
+
     /// Ends with what was seen last, so that nothing is lost.
-    fn lose(&mut self, event_loop: &ActiveEventLoop, source: BackendError) {
-        let lights = self.state.lights();
-        let command = self.source.command(&Shot {
-            tuning: &self.state.tuning,
-            lights: &lights,
-            scale: self.state.scene.as_ref().and_then(|scene| scene.scale),
-            size: self.open.as_ref().and_then(|open| open.size).unwrap_or(self.options.size),
-            samples: self.status.samples.max(1),
-        });
-        self.fail(event_loop, ViewError::Lost { source, command });
+    fn lose(&mut self, event_loop: &ActiveEventLoop, failure: Failure) {
+        let command = self.command().unwrap_or_default();
+        self.fail(event_loop, ViewError::Lost { failure, command });
     }
 }
 

@@ -39,6 +39,8 @@ pub(super) enum Wish {
     LightRound(i32),
     /// The scene's own light.
     LightBack,
+    /// All settings as they were loaded.
+    AsLoaded,
     /// The camera that shows all.
     Reset,
     Panel,
@@ -135,6 +137,7 @@ impl Controls {
             KeyCode::KeyX => Some(Wish::Wrap),
             KeyCode::KeyL => Some(Wish::LightHere),
             KeyCode::KeyK => Some(Wish::LightBack),
+            KeyCode::Backspace => Some(Wish::AsLoaded),
             KeyCode::KeyR => Some(Wish::Reset),
             KeyCode::Tab => Some(Wish::Panel),
             KeyCode::KeyP => Some(Wish::Save),
@@ -144,7 +147,8 @@ impl Controls {
         }
     }
 
-    fn release(&mut self) -> Option<Wish> {
+    /// The mouse is the pointer's again, if it was not.
+    pub(super) fn release(&mut self) -> Option<Wish> {
         std::mem::take(&mut self.is_captured).then_some(Wish::Capture(false))
     }
 

@@ -3,7 +3,8 @@
 //! Two threads. The main one has the window: it hears the user (`input`, `controls`), keeps the camera and the
 //! settings (`state`, `camera`, `tuning`), puts text over the newest picture (`overlay`) and shows it (`present`). It
 //! never waits for the other, which renders (`renderer`): passes of a sample each over all pixels, begun anew whenever
-//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files.
+//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files, and
+//! reads them on a thread of its own.
 //!
 //! What is shown is what `emboss render` renders with the same arguments, to the bit: cameras go through the same
 //! [framing](crate::framing::frame), and scenes through the same [preparation](crate::render::prepare).
@@ -17,9 +18,11 @@ mod overlay;
 mod present;
 mod reload;
 mod renderer;
+mod screen;
 mod script;
 mod state;
 mod tuning;
+mod zeros;
 
 pub use script::{Script, ScriptError};
 pub use tuning::{Pose, Tuning};
@@ -30,7 +33,8 @@ use crate::picture::Destination;
 use crate::render::{RenderError, Scene};
 use crate::settings::Settings;
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Where the scene comes from, and how to ask for its picture again.
 pub trait Source: Send + Sync {
@@ -39,7 +43,7 @@ pub trait Source: Send + Sync {
     ///
     /// # Errors
     /// What is wrong with them.
-    fn read(&self, zero: Option<f32>) -> Result<Loaded, Box<dyn Error + Send + Sync>>;
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Unread>;
 
     /// The command line that makes the picture of `shot`.
     fn command(&self, shot: &Shot<'_>) -> String;
@@ -52,12 +56,37 @@ pub struct Loaded {
     pub scene: Scene,
     /// How it is looked at before anything is tuned. The size is that of the window at first.
     pub settings: Settings,
-    /// The scale of all height maps, where it is one.
+    /// Whether any material has a height map.
+    pub is_displaced: bool,
+    /// What the scales of the reliefs are still to be multiplied by, as `--exaggerate` says.
+    pub exaggeration: f32,
+    /// The scale of all height maps before that, where it is one.
     pub scale: Option<f32>,
-    /// The texel value of no displacement of all height maps, where it is one.
-    pub zero: Option<f32>,
     /// The files that it was read from. Those that an OBJ names lie beside it.
     pub files: Vec<PathBuf>,
+}
+
+/// A scene could not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct Unread {
+    /// What is wrong.
+    pub error: Box<dyn Error + Send + Sync>,
+    /// The file that it is wrong with, which may be one that the scene names only now.
+    pub file: Option<PathBuf>,
+}
+
+/// What renders, by the names that `--backend` and `--device` take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Engine {
+    /// Not [`BackendChoice::Auto`].
+    pub backend: BackendChoice,
+    /// Which Vulkan device; `None` of the CPU.
+    pub device: Option<String>,
+}
+
+impl Engine {
+    const CPU: Engine = Engine { backend: BackendChoice::Cpu, device: None };
 }
 
 /// A picture that could be rendered.
@@ -67,12 +96,14 @@ pub struct Shot<'a> {
     pub tuning: &'a Tuning,
     /// The lights, the tuned one among them.
     pub lights: &'a [crate::settings::Light],
-    /// The scale of all height maps before it was tuned, where it is one.
-    pub scale: Option<f32>,
     /// Width and height in pixels.
     pub size: (u32, u32),
     /// Samples of a pixel.
     pub samples: u32,
+    /// What renders it.
+    pub engine: &'a Engine,
+    /// Where it is saved; `None` of one that is not.
+    pub output: Option<&'a Path>,
 }
 
 /// What the viewer is asked for beside the scene.
@@ -94,6 +125,8 @@ pub struct Options {
     pub output: Destination,
     /// What is done in place of a user.
     pub script: Option<Script>,
+    /// When the program was started.
+    pub start: Instant,
 }
 
 /// Why the viewer ended.
@@ -129,17 +162,32 @@ pub enum ViewError {
     },
     /// The scene cannot be read.
     #[error("{0}")]
-    Source(Box<dyn Error + Send + Sync>),
+    Source(Unread),
     /// The scene cannot be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The device failed while it was used. So that nothing is lost, the message holds what was seen last.
-    #[error("{source}\nWhat was seen last: {command}")]
+    /// The renderer has ended while the window was open. So that nothing is lost, the message holds what was seen last.
+    #[error("{failure}\nWhat was seen last is rendered again by: {command}")]
     Lost {
         /// What happened.
-        source: BackendError,
-        /// Its command line.
+        failure: Failure,
+        /// The command line of what was seen.
         command: String,
+    },
+}
+
+/// Why a renderer ends that was not told to.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Failure {
+    /// The device failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// A panic.
+    #[error("the renderer ended by a defect of the program ({what}); please report it")]
+    Defect {
+        /// What the panic said.
+        what: String,
     },
 }
 

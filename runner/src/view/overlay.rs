@@ -22,7 +22,7 @@ pub(super) struct Status {
 const TEXT: [u8; 3] = [236, 236, 236];
 const KEYS: [u8; 3] = [255, 200, 96];
 /// Width of the columns of keys and of names, in letters.
-const COLUMNS: (usize, usize) = (10, 10);
+const COLUMNS: (usize, usize) = (12, 10);
 
 /// A line of the panel: keys, name and value.
 type Line = (&'static str, &'static str, String);
@@ -77,7 +77,8 @@ fn lines(state: &State, status: &Status) -> Vec<Line> {
     lines.extend([
         ("W A S D", "fly", format!("Q E down, up  Shift fast  speed {:.2}", state.speed())),
         ("drag", "orbit", "or arrows; click and Esc: mouse look".to_owned()),
-        ("R", "reset", "P picture  C command  Tab panel  Esc quit".to_owned()),
+        ("R", "reset", "the camera; Backspace: all else, as loaded".to_owned()),
+        ("P", "picture", "C command  Tab panel  Esc quit".to_owned()),
     ]);
     if !state.message.is_empty() {
         lines.extend(state.message.lines().map(|line| ("", "", line.chars().take(100).collect())));
@@ -89,19 +90,20 @@ fn lines(state: &State, status: &Status) -> Vec<Line> {
 fn settings(state: &State, scene: &SceneInfo) -> Vec<Line> {
     let (tuning, base) = (&state.tuning, &scene.settings);
     let settings = tuning.settings(base, (1, 1));
-    let factor = tuning.exaggeration.unwrap_or(1.0);
+    let factor = tuning.exaggeration.unwrap_or(scene.exaggeration);
     let scale = match scene.scale {
         Some(scale) => format!("{} (x{factor:.2})", scale * factor),
         None => format!("x{factor:.2}"),
     };
-    let zero = tuning.zero.or(scene.zero).map_or_else(|| "several".to_owned(), |zero| zero.to_string());
+    let zero =
+        tuning.zero.or(scene.zeros.loaded).map_or_else(|| "several".to_owned(), |zero| zero.to_string());
     let n = tuning.subdivisions.unwrap_or(scene.subdivisions);
     let switch = |is_on| if is_on { "on" } else { "off" }.to_owned();
     let fov = tuning.pose.map_or(base.view.fov, |Pose { fov, .. }| fov);
     vec![
         ("- =", "scale", scale),
         ("[ ]", "zero", zero),
-        ("N PgDn Up", "N", format!("{n}, {} triangles", scene.triangles)),
+        ("N PgDn PgUp", "N", format!("{n}, {} triangles", scene.triangles)),
         ("M", "method", name_of(&settings.method)),
         ("V", "shading", name_of(&settings.shade)),
         ("H", "shadows", switch(settings.shadows)),
@@ -125,16 +127,19 @@ fn light(state: &State) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::zeros::Zeros;
     use super::*;
     use crate::settings::{Method, Settings, Subdivisions};
 
     fn state() -> State {
         let settings = Settings { method: Method::GridWalk, ..Settings::default() };
         let subdivisions = Subdivisions::Fixed(8);
-        let scene = SceneInfo { settings, triangles: 3, subdivisions, scale: Some(0.25), zero: None };
+        let zeros = Zeros::of(&[]);
+        let scene =
+            SceneInfo { settings, triangles: 3, subdivisions, exaggeration: 2.0, scale: Some(0.25), zeros };
         let mut state = State::new();
         state.scene = Some(scene);
-        state.tuning.step_scale(1);
+        state.tuning.step_scale(1, 2.0);
         state
     }
 
@@ -146,10 +151,12 @@ mod tests {
             assert!(!found.0.is_empty(), "{name} has a key");
             found.2.as_str()
         };
-        assert_eq!(value("scale"), "0.275 (x1.10)");
+        assert_eq!(value("scale"), "0.55 (x2.20)");
         assert_eq!(value("zero"), "several");
         assert_eq!((value("N"), value("method")), ("8, 3 triangles", "grid-walk"));
-        for name in ["shading", "shadows", "smooth", "wrap", "light", "view", "fly", "orbit", "reset"] {
+        for name in
+            ["shading", "shadows", "smooth", "wrap", "light", "view", "fly", "orbit", "reset", "picture"]
+        {
             value(name);
         }
         assert_eq!(lines[0].2, "Card");
@@ -161,6 +168,20 @@ mod tests {
             Status { samples: 5, frame_ms: 12.34, rays_per_second: 5.6e6, device: "Card".to_owned() };
         let title = title("knot", &state(), &status);
         assert_eq!(title, "knot - grid-walk, N 8 - 5 samples, 12.3 ms/frame, 5.6 M rays/s - Card");
+    }
+
+    /// Whatever a pixel's size, the panel keeps its own on the screen.
+    #[test]
+    fn panel_is_twice_as_large_where_pixels_are_dense() {
+        let of_scale = |scale| {
+            let (width, height) = (2000, 1200);
+            let mut canvas = Canvas { width, height, texels: vec![0xFF_FFFF; (width * height) as usize] };
+            draw(&mut canvas, Font::for_scale(scale), &state(), &Status::default());
+            let is_drawn = |row: &&[u32]| row.iter().any(|texel| *texel != 0xFF_FFFF);
+            canvas.texels.chunks(width as usize).filter(is_drawn).count()
+        };
+        let (usual, dense) = (of_scale(1.0), of_scale(2.0));
+        assert!(dense > usual * 9 / 5 && dense <= usual * 2, "{usual} {dense}");
     }
 
     #[test]

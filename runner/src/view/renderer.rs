@@ -1,11 +1,17 @@
 //! The thread that renders.
 
+mod thread;
+
+pub(super) use thread::{Handle, Reading, Setup, Start};
+
 use super::canvas::Canvas;
-use super::present::Engine;
 use super::reload::Watcher;
 use super::state::SceneInfo;
 use super::tuning::Tuning;
-use super::{Loaded, Shot, Source, ViewError};
+use super::zeros::Zeros;
+use super::{Engine, Failure, Loaded, Shot, Source, Unread, ViewError};
+use crate::backend::cpu::CpuBackend;
+use crate::backend::select::can_be_replaced;
 use crate::backend::{Backend, BackendError, SceneBuffers};
 use crate::framing::{self, Framing};
 use crate::heights::set_heights;
@@ -17,10 +23,10 @@ use emboss_kernels::interface::Frame;
 use emboss_kernels::scene::Features;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+use thread::{Ended, Read, Shared};
 
 /// What the first pass after a change should take: films get as many pixels as that allows.
 const PREVIEW: Duration = Duration::from_millis(30);
@@ -51,8 +57,14 @@ pub(super) enum Report {
     Loaded(Box<SceneInfo>),
     Seen(Box<Seen>),
     Message(String),
+    /// What was wanted cannot be loaded: what of it is as the first is again as the second.
+    Kept(Box<[Tuning; 2]>),
+    /// The device could not be used, and the CPU renders in its place.
+    Replaced,
+    /// There is nothing to render. It has ended.
+    Refused(Box<ViewError>),
     /// It has ended.
-    Failed(Box<ViewError>),
+    Lost(Box<Failure>),
 }
 
 /// A picture.
@@ -69,112 +81,9 @@ pub(super) struct Seen {
     pub(super) rays_per_second: f64,
 }
 
-/// What the window's thread asks for.
-#[derive(Default)]
-struct Orders {
-    wanted: Option<Wanted>,
-    reload: bool,
-    save: bool,
-    quit: bool,
-}
-
-/// What both threads see.
-#[derive(Default)]
-pub(super) struct Shared {
-    orders: Mutex<Orders>,
-    arrived: Condvar,
-    /// Whether something came that the pass under way is not for.
-    is_interrupted: AtomicBool,
-    is_quitting: AtomicBool,
-}
-
-impl Shared {
-    fn order(&self, change: impl FnOnce(&mut Orders)) {
-        change(&mut self.lock());
-        self.arrived.notify_one();
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Orders> {
-        self.orders.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// What has come. Waits for something where `is_idle`.
-    fn take(&self, is_idle: bool) -> Orders {
-        let nothing = |orders: &mut Orders| {
-            is_idle && orders.wanted.is_none() && !orders.reload && !orders.save && !orders.quit
-        };
-        let waited = self.arrived.wait_while(self.lock(), nothing);
-        let mut orders = waited.unwrap_or_else(PoisonError::into_inner);
-        self.is_interrupted.store(false, Ordering::Relaxed);
-        std::mem::take(&mut *orders)
-    }
-
-    fn interrupt(&self) {
-        self.is_interrupted.store(true, Ordering::Relaxed);
-    }
-}
-
-/// The thread, as the window's thread has it.
-pub(super) struct Handle {
-    shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
-}
-
-/// What the thread is started with.
-pub(super) struct Setup {
-    pub(super) engine: Engine,
-    pub(super) source: Arc<dyn Source>,
-    /// After how many samples a picture is left as it is.
-    pub(super) samples: u32,
-    /// Where pictures are saved.
-    pub(super) output: Destination,
-    pub(super) report: Box<dyn Fn(Report) + Send>,
-}
-
-impl Handle {
-    pub(super) fn start(setup: Setup) -> Handle {
-        let shared = Arc::new(Shared::default());
-        let of_thread = Arc::clone(&shared);
-        let thread = std::thread::spawn(move || {
-            let Setup { engine, source, samples, output, report } = setup;
-            if let Err(error) = run(engine, &of_thread, source, samples, output, &report) {
-                report(Report::Failed(Box::new(error)));
-            }
-        });
-        Handle { shared, thread: Some(thread) }
-    }
-
-    pub(super) fn want(&self, wanted: Wanted) {
-        self.shared.order(|orders| orders.wanted = Some(wanted));
-        self.shared.interrupt();
-    }
-
-    pub(super) fn save(&self) {
-        self.shared.order(|orders| orders.save = true);
-    }
-}
-
-impl Drop for Handle {
-    fn drop(&mut self) {
-        self.shared.is_quitting.store(true, Ordering::Relaxed);
-        self.shared.order(|orders| orders.quit = true);
-        if let Some(Err(panic)) = self.thread.take().map(JoinHandle::join)
-            && !std::thread::panicking()
-        {
-            std::panic::resume_unwind(panic);
-        }
-    }
-}
-
 /// Renders until it is told to quit.
-fn run(
-    engine: Engine,
-    shared: &Arc<Shared>,
-    source: Arc<dyn Source>,
-    samples: u32,
-    output: Destination,
-    report: &dyn Fn(Report),
-) -> Result<(), ViewError> {
+fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
+    let Setup { start, mut engine, is_replaceable, source, reading, samples, output, report } = setup;
     let wanted = loop {
         let orders = shared.take(true);
         if orders.quit {
@@ -184,27 +93,32 @@ fn run(
             break wanted;
         }
     };
-    let loaded = source.read(wanted.tuning.zero).map_err(ViewError::Source)?;
-    let mut backend = engine.start()?;
-    let (job, boxes) = load(backend.as_mut(), &loaded, &wanted)?;
-    let changed = Arc::clone(shared);
-    let watcher = Watcher::new(move || {
-        changed.order(|orders| orders.reload = true);
-        changed.interrupt();
-    });
-    let watcher = watcher.inspect_err(|error| {
+    let mut backend = match start() {
+        Err(error) if is_replaceable && can_be_replaced(&error) => {
+            tracing::info!("rendering on the CPU: {error}");
+            engine = Engine::CPU;
+            report(Report::Replaced);
+            Box::new(CpuBackend::new())
+        }
+        started => started.map_err(RenderError::from)?,
+    };
+    let Some(loaded) = reading.wait(shared)? else { return Ok(()) };
+    let read = Read { loaded, zero: None };
+    let Some((job, boxes)) = load(backend.as_mut(), &read.loaded, &wanted, shared)? else { return Ok(()) };
+    let watcher = watch(&source, shared, &report).inspect_err(|error| {
         tracing::warn!("changes of the files will not be seen ({error})");
     });
     let pass = Pass { level: 0, sample: 0, is_first: true };
     let mut renderer = Renderer {
         source,
+        engine,
         samples,
         output,
         shared,
-        report,
+        report: report.as_ref(),
         backend,
         watcher: watcher.ok(),
-        loaded,
+        read,
         job,
         boxes,
         wanted,
@@ -216,21 +130,49 @@ fn run(
     };
     renderer.tell_loaded();
     renderer.begin()?;
-    renderer.work().map_err(|error| renderer.lost(error))
+    Ok(renderer.work()?)
 }
 
-/// Makes a scene ready for the backend, and keeps of it what views need.
+/// Reads the scene whenever its files have changed, beside the thread that renders: what is half written breaks off nothing.
+fn watch(
+    source: &Arc<dyn Source>,
+    shared: &Arc<Shared>,
+    report: &Arc<dyn Fn(Report) + Send + Sync>,
+) -> notify::Result<Watcher> {
+    let (source, shared, report) = (Arc::clone(source), Arc::clone(shared), Arc::clone(report));
+    Watcher::new(move || {
+        let zero = *shared.zero();
+        match source.read(zero) {
+            Ok(loaded) => {
+                shared.order(true, |orders| orders.read = Some(Read { loaded, zero }));
+                None
+            }
+            Err(Unread { error, file }) => {
+                let message = format!("the files have changed, but the scene stays as it was: {error}");
+                tracing::info!("{message}");
+                report(Report::Message(message));
+                file
+            }
+        }
+    })
+}
+
+/// Makes a scene ready for the backend, and keeps of it what views need. Nothing where the viewer is to end before that.
 fn load(
     backend: &mut dyn Backend,
     loaded: &Loaded,
     wanted: &Wanted,
-) -> Result<(Job, Vec<Aabb>), RenderError> {
+    shared: &Shared,
+) -> Result<Option<(Job, Vec<Aabb>)>, RenderError> {
     let settings = wanted.tuning.settings(&loaded.settings, wanted.size);
-    let mut job = prepare(wanted.tuning.scene(&loaded.scene), &settings)?;
+    let mut job = prepare(wanted.tuning.scene(loaded), &settings)?;
+    if shared.is_quitting() {
+        return Ok(None);
+    }
     backend.load(&job.buffers, &job.frame, job.features)?;
     let displacements = std::mem::take(&mut job.buffers.displacements);
     job.buffers = SceneBuffers { displacements, ..SceneBuffers::default() };
-    Ok((job, backend.prism_boxes()?))
+    Ok(Some((job, backend.prism_boxes()?)))
 }
 
 /// Where the rendering is.
@@ -246,6 +188,7 @@ struct Pass {
 
 struct Renderer<'a> {
     source: Arc<dyn Source>,
+    engine: Engine,
     samples: u32,
     output: Destination,
     shared: &'a Shared,
@@ -253,7 +196,8 @@ struct Renderer<'a> {
     backend: Box<dyn Backend>,
     /// `None` where the system watches no files.
     watcher: Option<Watcher>,
-    loaded: Loaded,
+    read: Read,
+    /// Of what was read, as it is wanted.
     job: Job,
     boxes: Vec<Aabb>,
     wanted: Wanted,
@@ -277,11 +221,11 @@ impl Renderer<'_> {
                 return Ok(());
             }
             self.is_to_be_saved |= orders.save;
-            if orders.reload && self.read_again()? {
-                (self.report)(Report::Message("read again, since files have changed".to_owned()));
-            }
-            if let Some(wanted) = orders.wanted {
-                self.change(wanted)?;
+            if orders.wanted.is_some() || orders.read.is_some() {
+                let before = self.wanted.tuning.clone();
+                self.wanted = orders.wanted.unwrap_or_else(|| self.wanted.clone());
+                self.adapt(&before, orders.read)?;
+                self.begin()?;
             }
             if self.framing.is_some() && self.pass.sample < self.samples {
                 self.sample()?;
@@ -293,21 +237,30 @@ impl Renderer<'_> {
         }
     }
 
-    /// Goes over to what is wanted now.
-    fn change(&mut self, wanted: Wanted) -> Result<(), BackendError> {
-        let old = std::mem::replace(&mut self.wanted, wanted);
-        let (old, new) = (&old.tuning, &self.wanted.tuning);
-        let settings = new.settings(&self.loaded.settings, self.wanted.size);
-        // Texels that are no numbers are zeros.
-        let has_zeros = self.loaded.scene.reliefs.iter().any(|relief| relief.map.replaced > 0);
-        if new.zero != old.zero && has_zeros {
-            return self.read_again().map(drop);
+    /// Loads what is wanted now, `before` being what is loaded, and `read` a newer scene. What cannot be is taken back.
+    fn adapt(&mut self, before: &Tuning, mut read: Option<Read>) -> Result<(), BackendError> {
+        let is_reload = read.is_some();
+        let zero = self.wanted.tuning.zero;
+        if read.as_ref().unwrap_or(&self.read).is_other_with(zero) {
+            match self.source.read(zero) {
+                Ok(loaded) => read = Some(Read { loaded, zero }),
+                Err(error) => {
+                    self.say(format!("the scene stays as it was: {error}"));
+                    self.take_back(before);
+                    read = None;
+                }
+            }
         }
-        if new.needs_other_scene(old, &self.loaded.settings) {
-            let old = Wanted { tuning: old.clone(), ..self.wanted.clone() };
-            self.load_or_keep(None, &old)?;
-            return self.begin();
+        let base = &self.read.loaded.settings;
+        if read.is_some() || self.wanted.tuning.needs_other_scene(before, base) {
+            let is_loaded = self.load_or_keep(read, before)?;
+            if is_reload && is_loaded {
+                (self.report)(Report::Message("read again, since files have changed".to_owned()));
+            }
+            return Ok(());
         }
+        let new = &self.wanted.tuning;
+        let settings = new.settings(base, self.wanted.size);
         let features = Features {
             method: settings.method.id(),
             shade: settings.shade.id(),
@@ -320,52 +273,40 @@ impl Renderer<'_> {
             self.job.features = features;
             self.pace = None;
         }
-        if new.needs_other_heights(old, &self.loaded.settings) {
-            let reliefs = self.loaded.scene.reliefs.iter().map(|relief| new.relief(relief));
-            for (displacement, relief) in self.job.buffers.displacements.iter_mut().zip(reliefs) {
-                set_heights(displacement, &relief, settings.displaces());
+        if new.needs_other_heights(before, base) {
+            let reliefs = new.reliefs(&self.read.loaded);
+            for (displacement, relief) in self.job.buffers.displacements.iter_mut().zip(&reliefs) {
+                set_heights(displacement, relief, settings.displaces());
             }
             self.backend.set_displacements(&self.job.buffers.displacements)?;
             self.boxes = self.backend.prism_boxes()?;
         }
-        self.begin()
+        Ok(())
     }
 
-    /// Reads the files again. What is wrong with them is said, and the old scene stays. Whether nothing is.
-    fn read_again(&mut self) -> Result<bool, BackendError> {
-        match self.source.read(self.wanted.tuning.zero) {
-            Ok(loaded) => {
-                let wanted = self.wanted.clone();
-                let is_loaded = self.load_or_keep(Some(loaded), &wanted)?;
-                self.begin()?;
-                Ok(is_loaded)
-            }
-            Err(error) => {
-                self.say(format!("the files have changed, but the scene stays as it was: {error}"));
-                Ok(false)
-            }
-        }
-    }
-
-    /// Loads what is wanted, of `loaded` where it is new. Where that cannot be, it says so, and loads again what there was,
+    /// Loads what is wanted, of `read` where that is new. Where that cannot be, it says so, and loads again what there was,
     /// as `before` wanted it. Returns whether it could be.
-    fn load_or_keep(&mut self, loaded: Option<Loaded>, before: &Wanted) -> Result<bool, BackendError> {
+    fn load_or_keep(&mut self, read: Option<Read>, before: &Tuning) -> Result<bool, BackendError> {
         self.pace = None;
-        let new = loaded.as_ref().unwrap_or(&self.loaded);
-        let error = match load(self.backend.as_mut(), new, &self.wanted) {
-            Ok((job, boxes)) => {
+        let new = read.as_ref().unwrap_or(&self.read);
+        let error = match load(self.backend.as_mut(), &new.loaded, &self.wanted, self.shared) {
+            Ok(Some((job, boxes))) => {
                 (self.job, self.boxes) = (job, boxes);
-                self.loaded = loaded.unwrap_or_else(|| self.loaded.clone());
-                self.tell_loaded();
+                if let Some(read) = read {
+                    self.read = read;
+                    self.tell_loaded();
+                }
                 return Ok(true);
             }
+            Ok(None) => return Ok(false),
             Err(RenderError::Backend(error @ BackendError::DeviceLost { .. })) => return Err(error),
             Err(error) => error,
         };
         self.say(format!("the scene stays as it was: {error}"));
-        self.wanted.tuning = before.tuning.clone();
-        match load(self.backend.as_mut(), &self.loaded, &self.wanted) {
-            Ok((job, boxes)) => (self.job, self.boxes) = (job, boxes),
+        self.take_back(before);
+        match load(self.backend.as_mut(), &self.read.loaded, &self.wanted, self.shared) {
+            Ok(Some((job, boxes))) => (self.job, self.boxes) = (job, boxes),
+            Ok(None) => {}
             Err(RenderError::Backend(error)) => return Err(error),
             // It was sound before.
             Err(error) => self.say(error.to_string()),
@@ -373,23 +314,33 @@ impl Renderer<'_> {
         Ok(false)
     }
 
+    /// Wants again what is loaded; also the window learns of it, so that it shows no settings that the picture has not.
+    fn take_back(&mut self, before: &Tuning) {
+        let refused = self.wanted.tuning.clone();
+        self.wanted.tuning.take_back(&refused, before);
+        (self.report)(Report::Kept(Box::new([refused, before.clone()])));
+    }
+
     fn tell_loaded(&mut self) {
-        if let Some(watcher) = &mut self.watcher {
-            watcher.watch(&self.loaded.files);
+        let loaded = &self.read.loaded;
+        if let Some(watcher) = &self.watcher {
+            // Nothing here depends on when that begins.
+            drop(watcher.watch(&loaded.files));
         }
         (self.report)(Report::Loaded(Box::new(SceneInfo {
-            settings: self.loaded.settings.clone(),
-            triangles: self.loaded.scene.mesh.triangles.len(),
-            subdivisions: Subdivisions::of(&self.loaded.settings, &self.loaded.scene),
-            scale: self.loaded.scale,
-            zero: self.loaded.zero,
+            settings: loaded.settings.clone(),
+            triangles: loaded.scene.mesh.triangles.len(),
+            subdivisions: Subdivisions::of(&loaded.settings, &loaded.scene),
+            exaggeration: loaded.exaggeration,
+            scale: loaded.scale,
+            zeros: Zeros::of(&loaded.scene.reliefs),
         })));
     }
 
     /// Begins the picture that is wanted: with as many pixels as can be had soon.
     fn begin(&mut self) -> Result<(), BackendError> {
-        let settings = self.wanted.tuning.settings(&self.loaded.settings, self.wanted.size);
-        let loaded = Subdivisions::of(&self.loaded.settings, &self.loaded.scene);
+        let settings = self.wanted.tuning.settings(&self.read.loaded.settings, self.wanted.size);
+        let loaded = Subdivisions::of(&self.read.loaded.settings, &self.read.loaded.scene);
         let n = self.wanted.tuning.subdivisions.unwrap_or(loaded).most();
         let frame = &mut self.job.frame;
         (frame.width, frame.height) = self.wanted.size;
@@ -426,7 +377,7 @@ impl Renderer<'_> {
             share_done = share;
             let is_interrupted =
                 shared.is_interrupted.load(Ordering::Relaxed) && (!is_first || start.elapsed() > PATIENCE);
-            let ends = is_interrupted || shared.is_quitting.load(Ordering::Relaxed);
+            let ends = is_interrupted || shared.is_quitting();
             if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
         let pixels = self.film_pixels();
@@ -488,22 +439,23 @@ impl Renderer<'_> {
         let picture = Picture { width, height, pixels: self.backend.resolve()? };
         let path = free_name(&self.output.path);
         let written = Destination { path, ..self.output.clone() };
-        match written.write(&picture, &self.command()) {
+        match written.write(&picture, &self.command(&written.path)) {
             Ok(()) => self.say(format!("wrote {}", written.path.display())),
             Err(error) => self.say(error.to_string()),
         }
         Ok(())
     }
 
-    /// The command line of what is seen.
-    fn command(&self) -> String {
-        let settings = self.wanted.tuning.settings(&self.loaded.settings, self.wanted.size);
+    /// The command line of what is seen, which writes it to `output`.
+    fn command(&self, output: &Path) -> String {
+        let settings = self.wanted.tuning.settings(&self.read.loaded.settings, self.wanted.size);
         self.source.command(&Shot {
             tuning: &self.wanted.tuning,
             lights: &settings.lights,
-            scale: self.loaded.scale,
             size: self.wanted.size,
             samples: self.pass.sample.max(1),
+            engine: &self.engine,
+            output: Some(output),
         })
     }
 
@@ -511,11 +463,6 @@ impl Renderer<'_> {
     fn say(&self, message: String) {
         tracing::info!("{message}");
         (self.report)(Report::Message(message));
-    }
-
-    /// What is said at the end of a device.
-    fn lost(&self, source: BackendError) -> ViewError {
-        ViewError::Lost { source, command: self.command() }
     }
 }
 
@@ -535,27 +482,4 @@ fn free_name(path: &Path) -> PathBuf {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slow_devices_begin_with_fewer_pixels() {
-        assert_eq!(level(1e-9, (1000, 1000)), 0);
-        // 1 s for all: a quarter of a quarter of a quarter is 16 ms.
-        assert_eq!(level(1e-6, (1000, 1000)), 3);
-        assert_eq!(level(1.0, (1000, 1000)), LEAST_LEVEL);
-    }
-
-    #[test]
-    fn pictures_never_replace_each_other() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("a.png");
-        let mut names = vec![];
-        for _ in 0..3 {
-            let name = free_name(&path);
-            std::fs::write(&name, "").expect("writable");
-            names.push(name.file_name().expect("a file").to_owned());
-        }
-        assert_eq!(names, ["a.png", "a-1.png", "a-2.png"]);
-    }
-}
+mod tests;

@@ -9,9 +9,11 @@
 //! | `click`, `wheel NOTCHES`, `move X Y` | the button is clicked, the wheel turned, the captured mouse moved |
 //! | `size WIDTH HEIGHT` | the window is asked to have another size |
 //! | `samples COUNT` | waits until that many samples of what was asked for are seen |
-//! | `frames COUNT` | waits until that many more pictures have been shown |
+//! | `frames COUNT` | waits until that many more pictures of the model have been shown |
 //! | `message TEXT` | waits until the panel's message begins so |
 //! | `say TEXT` | prints a line with how many samples are seen, so that whoever runs the script knows where it is |
+//! | `answers TEXT` | prints how promptly the window answered since that was printed last: see `Answers` |
+//! | `renew` | makes anew what shows pictures, as where the window's system has taken it back |
 //! | `grab FILE` | saves what the window shows, the panel with it, as a PNG |
 //! | `quit` | closes the window |
 
@@ -32,6 +34,8 @@ pub(super) enum Step {
     Frames(u32),
     Message(String),
     Say(String),
+    Answers(String),
+    Renew,
     Grab(PathBuf),
     Quit,
 }
@@ -127,6 +131,8 @@ fn step(text: &str) -> Option<Step> {
         "frames" => Step::Frames(rest.parse().ok()?),
         "message" => Step::Message(rest.to_owned()),
         "say" => Step::Say(rest.to_owned()),
+        "answers" => Step::Answers(rest.to_owned()),
+        "renew" => Step::Renew,
         "grab" => Step::Grab(rest.into()),
         "quit" => Step::Quit,
         _ => return None,

@@ -4,6 +4,7 @@ use super::camera::Camera;
 use super::controls::{Controls, Wish};
 use super::input::Input;
 use super::tuning::Tuning;
+use super::zeros::Zeros;
 use crate::framing::{Framing, View, intensity_for, key_light};
 use crate::settings::{Light, Settings, Subdivisions};
 use glam::{Quat, Vec3};
@@ -25,10 +26,11 @@ pub(super) struct SceneInfo {
     pub(super) settings: Settings,
     pub(super) triangles: usize,
     pub(super) subdivisions: Subdivisions,
-    /// Where it is one.
+    /// What the scales are multiplied by.
+    pub(super) exaggeration: f32,
+    /// Before that, where it is one.
     pub(super) scale: Option<f32>,
-    /// Where it is one.
-    pub(super) zero: Option<f32>,
+    pub(super) zeros: Zeros,
 }
 
 /// What is to be done outside after an input.
@@ -135,8 +137,8 @@ impl State {
         let before = self.tuning.clone();
         let (settings, tuning) = (&scene.settings, &mut self.tuning);
         match wish {
-            Wish::Scale(steps) => tuning.step_scale(steps),
-            Wish::Zero(steps) => tuning.step_zero(steps, scene.zero.unwrap_or(0.5)),
+            Wish::Scale(steps) => tuning.step_scale(steps, scene.exaggeration),
+            Wish::Zero(steps) => tuning.zero = Some(scene.zeros.stepped(tuning.zero, steps)),
             Wish::Subdivisions(steps) => tuning.step_subdivisions(steps, scene.subdivisions),
             Wish::Auto => tuning.toggle_auto(settings, scene.subdivisions),
             Wish::Method => tuning.next_method(settings),
@@ -157,10 +159,17 @@ impl State {
                 self.move_light(turn);
             }
             Wish::LightBack => tuning.light = None,
+            // The camera has a key of its own.
+            Wish::AsLoaded => *tuning = Tuning { pose: tuning.pose, ..Tuning::default() },
             // The others are no settings.
             _ => return Effect::Nothing,
         }
         if self.tuning == before { Effect::Nothing } else { Effect::Render }
+    }
+
+    /// The mouse cannot be held in the window: it is the pointer's, which drags.
+    pub(super) fn release_mouse(&mut self) {
+        self.controls.release();
     }
 
     /// The lights as they are now; empty where the camera's own light shines.
@@ -208,6 +217,8 @@ impl State {
 mod tests {
     use super::*;
     use crate::framing::frame;
+    use crate::scene::{HeightMap, Relief};
+    use emboss_kernels::interface::height_format;
     use winit::keyboard::KeyCode;
 
     fn key(key: KeyCode, is_down: bool) -> Input {
@@ -219,7 +230,10 @@ mod tests {
         let settings = Settings::default();
         let framing = frame(&settings.view, &[], 1.5).expect("a camera");
         let subdivisions = Subdivisions::Fixed(16);
-        let scene = SceneInfo { settings, triangles: 1, subdivisions, scale: Some(0.5), zero: Some(0.5) };
+        let map = HeightMap { format: height_format::UNORM8, ..HeightMap::flat(0.5) };
+        let zeros = Zeros::of(&[Relief::new(map, 0.5, 1.0)]);
+        let scene =
+            SceneInfo { settings, triangles: 1, subdivisions, exaggeration: 1.0, scale: Some(0.5), zeros };
         State { scene: Some(scene), framing: Some(framing), ..State::new() }
     }
 
@@ -246,6 +260,34 @@ mod tests {
         assert!(!state.is_moving());
         assert_eq!(state.hear(key(KeyCode::KeyR, true)), Effect::Render);
         assert_eq!(state.tuning, Tuning::default());
+    }
+
+    #[test]
+    fn one_key_brings_back_what_was_loaded() {
+        let mut state = state();
+        for code in [KeyCode::BracketRight, KeyCode::Equal, KeyCode::KeyM, KeyCode::Period] {
+            assert_eq!(state.hear(key(code, true)), Effect::Render);
+        }
+        assert_eq!(state.tuning.zero, Some(0.52));
+        state.hear(Input::Wheel { notches: 1.0 });
+        let pose = state.tuning.pose;
+        assert_eq!(state.hear(key(KeyCode::Backspace, true)), Effect::Render);
+        assert_eq!(state.tuning, Tuning { pose, ..Tuning::default() });
+        assert!(pose.is_some() && state.hear(key(KeyCode::Backspace, true)) == Effect::Nothing);
+    }
+
+    /// Where the system lends the mouse to no window a click is nothing, and a drag still goes round.
+    #[test]
+    fn mouse_that_cannot_be_held_drags() {
+        let mut state = state();
+        state.hear(Input::Button { is_down: true });
+        assert_eq!(state.hear(Input::Button { is_down: false }), Effect::Capture(true));
+        state.release_mouse();
+        assert_eq!(state.hear(Input::Motion { x: 9.0, y: 9.0 }), Effect::Nothing);
+        state.hear(Input::Button { is_down: true });
+        assert_eq!(state.hear(Input::Pointer { x: 50.0, y: 0.0 }), Effect::Render);
+        state.hear(Input::Button { is_down: false });
+        assert_eq!(state.hear(key(KeyCode::Escape, true)), Effect::Quit);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a user changes while looking.
 
+use super::Loaded;
 use crate::framing::View;
 use crate::render::Scene;
 use crate::scene::Relief;
@@ -13,7 +14,7 @@ use glam::Vec3;
 pub struct Tuning {
     /// The camera.
     pub pose: Option<Pose>,
-    /// What all scales are multiplied by.
+    /// What all scales are multiplied by, in place of what `--exaggerate` says.
     pub exaggeration: Option<f32>,
     /// The texel value of no displacement of all height maps.
     pub zero: Option<f32>,
@@ -48,8 +49,6 @@ pub struct Pose {
 
 /// How much a step of the scale multiplies it by: seven double it.
 const SCALE_STEP: f32 = 1.1;
-/// A step of the zero.
-const ZERO_STEP: f32 = 0.02;
 /// Least and greatest side of micro-triangles in pixels: see [`Subdivisions::Auto`].
 const LEAST_PIXELS: f32 = 0.1;
 const MOST_PIXELS: f32 = 64.0;
@@ -89,11 +88,8 @@ impl Tuning {
     }
 
     /// The scene with this tuning.
-    pub fn scene(&self, scene: &Scene) -> Scene {
-        let mut scene = scene.clone();
-        for relief in &mut scene.reliefs {
-            *relief = self.relief(relief);
-        }
+    pub fn scene(&self, loaded: &Loaded) -> Scene {
+        let mut scene = Scene { reliefs: self.reliefs(loaded), ..loaded.scene.clone() };
         if let Some(wrap) = self.wrap {
             scene.reliefs.iter_mut().for_each(|relief| relief.wrap = Some(wrap));
             scene.materials.iter_mut().for_each(|material| material.wrap = Some(wrap));
@@ -102,13 +98,20 @@ impl Tuning {
         scene
     }
 
-    /// A relief with this tuning's heights. One that is flat stays it: it stands for the lack of a map.
-    pub fn relief(&self, relief: &Relief) -> Relief {
-        if (relief.map.width, relief.map.height) == (1, 1) {
-            return relief.clone();
+    /// The reliefs with this tuning's heights. Where no material has a map there is nothing to tune: what stands for it is a
+    /// texel of its own zero.
+    pub fn reliefs(&self, loaded: &Loaded) -> Vec<Relief> {
+        let reliefs = &loaded.scene.reliefs;
+        if !loaded.is_displaced {
+            return reliefs.clone();
         }
-        let scale = relief.scale * self.exaggeration.unwrap_or(1.0);
-        Relief { scale, zero: self.zero.unwrap_or(relief.zero), ..relief.clone() }
+        let exaggeration = self.exaggeration.unwrap_or(loaded.exaggeration);
+        let tuned = |relief: &Relief| Relief {
+            scale: relief.scale * exaggeration,
+            zero: self.zero.unwrap_or(relief.zero),
+            ..relief.clone()
+        };
+        reliefs.iter().map(tuned).collect()
     }
 
     /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is loaded.
@@ -144,18 +147,27 @@ impl Tuning {
         self.method.unwrap_or(base.method)
     }
 
-    /// Multiplies the scale by some steps.
-    pub fn step_scale(&mut self, steps: i32) {
-        let factor = self.exaggeration.unwrap_or(1.0) * SCALE_STEP.powi(steps);
-        // Up and down again is where it was, though floats round.
-        let is_one = (factor - 1.0).abs() < 1e-4;
-        self.exaggeration = (!is_one && factor.is_finite()).then_some(factor);
+    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera and
+    /// what else concerns no scene stay.
+    pub(super) fn take_back(&mut self, refused: &Tuning, kept: &Tuning) {
+        fn one<T: Copy + PartialEq>(value: &mut T, refused: T, kept: T) {
+            if *value == refused {
+                *value = kept;
+            }
+        }
+        one(&mut self.exaggeration, refused.exaggeration, kept.exaggeration);
+        one(&mut self.zero, refused.zero, kept.zero);
+        one(&mut self.subdivisions, refused.subdivisions, kept.subdivisions);
+        one(&mut self.method, refused.method, kept.method);
+        one(&mut self.wrap, refused.wrap, kept.wrap);
     }
 
-    /// Moves the zero by some steps from where it is, `loaded` at first. It stays a texel value.
-    pub fn step_zero(&mut self, steps: i32, loaded: f32) {
-        let hundredths = (100.0 * (self.zero.unwrap_or(loaded) + ZERO_STEP * steps as f32)).round();
-        self.zero = Some((hundredths / 100.0).clamp(0.0, 1.0));
+    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first.
+    pub fn step_scale(&mut self, steps: i32, loaded: f32) {
+        let factor = self.exaggeration.unwrap_or(loaded) * SCALE_STEP.powi(steps);
+        // Up and down again is where it was, though floats round.
+        let is_loaded = (factor - loaded).abs() < 1e-4 * loaded.abs();
+        self.exaggeration = (!is_loaded && factor.is_finite()).then_some(factor);
     }
 
     /// Doubles or halves N, which is `loaded` at first; where that follows the camera, micro-triangles halve or double.
@@ -228,42 +240,60 @@ pub(super) fn name_of(value: &impl ValueEnum) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::HeightMap;
+    use crate::scene::{HeightMap, Mesh};
 
-    /// Of a map of that many texels.
-    fn relief(width: u32) -> Relief {
-        Relief::new(HeightMap { width, ..HeightMap::flat(0.5) }, 0.5, -0.25)
+    /// A scene of one map of a texel.
+    fn loaded(is_displaced: bool) -> Loaded {
+        let reliefs = vec![Relief::new(HeightMap::flat(0.5), 0.5, -0.25)];
+        let (mesh, settings) = (Mesh::default(), Settings::default());
+        let scene = Scene { mesh, reliefs, materials: vec![], parts: vec![], subdivisions: 1 };
+        Loaded { scene, settings, is_displaced, exaggeration: 0.1, scale: None, files: vec![] }
     }
 
     #[test]
     fn scale_goes_up_and_down_to_where_it_was() {
         let mut tuning = Tuning::default();
         for steps in [1, 1, 1, -1, -1] {
-            tuning.step_scale(steps);
+            tuning.step_scale(steps, 0.1);
         }
-        assert!((tuning.exaggeration.expect("a step is left") - 1.1).abs() < 1e-6);
-        assert!((tuning.relief(&relief(2)).scale + 0.275).abs() < 1e-6);
-        tuning.step_scale(-1);
+        assert!((tuning.exaggeration.expect("a step is left") - 0.11).abs() < 1e-6);
+        tuning.step_scale(-1, 0.1);
         assert_eq!(tuning, Tuning::default());
     }
 
-    /// Another zero of a height map moves the surface; where there is no map there is nothing to move.
+    /// The one product that `emboss render` computes: the scale of the material times --exaggerate.
+    #[test]
+    fn exaggeration_is_that_of_the_command_line() {
+        assert_eq!(Tuning::default().reliefs(&loaded(true))[0].scale, -0.25 * 0.1);
+        let tuning = Tuning { exaggeration: Some(0.3), ..Tuning::default() };
+        assert_eq!(tuning.reliefs(&loaded(true))[0].scale, -0.25 * 0.3);
+    }
+
+    /// Another zero of a height map moves the surface, be it of one texel; where there is no map there is nothing to move.
     #[test]
     fn what_has_no_map_stays_flat() {
         let tuning = Tuning { zero: Some(0.0), exaggeration: Some(2.0), ..Tuning::default() };
-        let tuned = tuning.relief(&relief(1));
-        assert_eq!((tuned.zero, tuned.scale), (0.5, -0.25));
-        let tuned = tuning.relief(&relief(2));
-        assert_eq!((tuned.zero, tuned.scale), (0.0, -0.5));
+        let tuned = |is_displaced| {
+            let reliefs = tuning.reliefs(&loaded(is_displaced));
+            (reliefs[0].zero, reliefs[0].scale)
+        };
+        assert_eq!((tuned(false), tuned(true)), ((0.5, -0.25), (0.0, -0.5)));
+    }
+
+    /// What the user has changed since stays, and so does what concerns no scene.
+    #[test]
+    fn only_what_was_refused_is_taken_back() {
+        let n = |n| Some(Subdivisions::Fixed(n));
+        let kept = Tuning { subdivisions: n(8), wrap: Some(Wrap::Clamp), ..Tuning::default() };
+        let refused = Tuning { subdivisions: n(4096), zero: Some(0.25), ..kept.clone() };
+        let mut now = Tuning { zero: Some(0.5), smooth: Some(true), ..refused.clone() };
+        now.take_back(&refused, &kept);
+        assert_eq!(now, Tuning { zero: Some(0.5), smooth: Some(true), ..kept });
     }
 
     #[test]
     fn steps_end_at_the_limits() {
         let mut tuning = Tuning::default();
-        tuning.step_zero(-1, 0.01);
-        assert_eq!(tuning.zero, Some(0.0));
-        tuning.step_zero(3, 0.01);
-        assert_eq!(tuning.zero, Some(0.06));
         let one = Subdivisions::Fixed(1);
         tuning.step_subdivisions(-1, one);
         assert_eq!(tuning.subdivisions, Some(one));

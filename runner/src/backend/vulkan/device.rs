@@ -203,7 +203,7 @@ mod tests {
         let needs = "needs lavapipe and the validation layers, which `cargo xtask test` installs";
         let instance = Arc::new(Instance::new(true, &[]).expect(needs));
         let found = physical::enumerate(&instance, None).expect(needs);
-        let lavapipe = physical::select(found, &Selection::Named("llvmpipe".to_owned())).expect(needs);
+        let lavapipe = physical::select(found, &Selection::Named("llvmpipe".to_owned()), false).expect(needs);
         Device::new(instance, lavapipe).expect(needs)
     }
 

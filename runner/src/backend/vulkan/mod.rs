@@ -81,7 +81,7 @@ pub enum Selection {
     /// than the CPU backend; the error where there is no other names it.
     #[default]
     Auto,
-    /// An index into the list of [`devices`], or else a part of a name, in any case, of which the first match is
+    /// A number, as the list of [`devices`] has them from 0 on, or else a part of a name, in any case, of which the first match is
     /// taken. May be a software device.
     Named(String),
 }
@@ -104,6 +104,11 @@ impl OpenDevice {
     /// What it is.
     pub fn info(&self) -> &DeviceInfo {
         self.0.info()
+    }
+
+    /// What [`Selection::Named`] finds it by, on this machine and as long as it has no other devices.
+    pub fn selector(&self) -> &str {
+        &self.0.physical().selector
     }
 
     /// What the validation layers say of it.
@@ -137,7 +142,7 @@ impl VulkanBackend {
     pub fn new(selection: &Selection, validate: bool) -> Result<Self, BackendError> {
         let instance = Arc::new(Instance::new(validate, &[])?);
         let found = physical::enumerate(&instance, None)?;
-        let device = Device::new(instance, physical::select(found, selection)?)?;
+        let device = Device::new(instance, physical::select(found, selection, false)?)?;
         Self::on(OpenDevice(device))
     }
 

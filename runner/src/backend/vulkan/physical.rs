@@ -12,7 +12,11 @@ use std::ffi::CStr;
 /// A device that fits, not yet opened.
 pub(super) struct PhysicalDevice {
     pub(super) raw: vk::PhysicalDevice,
+    /// Its place among those that fit, whether they present to a window or not: what `emboss devices` lists.
+    pub(super) number: u32,
     pub(super) info: DeviceInfo,
+    /// What [`Selection::Named`] finds it by: its name, or its number where one before it is found by that name.
+    pub(super) selector: String,
     pub(super) limits: Limits,
     /// The family of the queue that everything is submitted to: it can compute, hence also copy; for a window it can present.
     pub(super) queue_family: u32,
@@ -51,49 +55,76 @@ pub(super) fn enumerate(
     // SAFETY: the instance lives through the call.
     let all = unsafe { instance.raw().enumerate_physical_devices() }
         .map_err(|source| BackendError::Vulkan { what: "listing the devices", source })?;
-    Ok(all.into_iter().filter_map(|raw| examine(instance, raw, window)).collect())
+    let fitting: Vec<_> = all.into_iter().filter_map(|raw| examine(instance, raw, None)).collect();
+    let names: Vec<_> = fitting.iter().map(|device| device.info.name.clone()).collect();
+    let mut devices = Vec::with_capacity(fitting.len());
+    for (number, plain) in (0..).zip(fitting) {
+        let device = match window {
+            None => Some(plain),
+            Some(_) => examine(instance, plain.raw, window),
+        };
+        let selector = selector(&names, number);
+        devices.extend(device.map(|device| PhysicalDevice { number, selector, ..device }));
+    }
+    Ok(devices)
+}
+
+/// The name with that number, or the number where that name finds another device first.
+fn selector(names: &[String], number: u32) -> String {
+    let name = &names[number as usize];
+    let first = names.iter().position(|other| contains_ignoring_case(other, name));
+    // A name that is a number would be taken for one.
+    let is_found = first == Some(number as usize) && name.parse::<u32>().is_err();
+    if is_found { name.clone() } else { number.to_string() }
 }
 
 /// The device that `selection` means, of those that `enumerate` gives.
 pub(super) fn select(
     mut devices: Vec<PhysicalDevice>,
     selection: &Selection,
+    is_for_window: bool,
 ) -> Result<PhysicalDevice, BackendError> {
-    let infos: Vec<_> = devices.iter().map(|device| &device.info).collect();
-    let index = choose(&infos, selection)?;
-    Ok(devices.swap_remove(index))
+    let infos: Vec<_> = devices.iter().map(|device| (device.number, &device.info)).collect();
+    match choose(&infos, selection) {
+        Some(index) => Ok(devices.swap_remove(index)),
+        None => Err(BackendError::NoDevice { reason: why_none(&infos, selection, is_for_window) }),
+    }
 }
 
-/// Index of the device that `selection` means, in a list as `enumerate` gives it.
-fn choose(devices: &[&DeviceInfo], selection: &Selection) -> Result<usize, BackendError> {
-    let found = match selection {
+/// Index of the device that `selection` means, in a list as `enumerate` gives it, with the devices' numbers.
+fn choose(devices: &[(u32, &DeviceInfo)], selection: &Selection) -> Option<usize> {
+    match selection {
         Selection::Auto => (0..devices.len())
-            .filter(|&index| devices[index].kind < DeviceKind::Software)
-            .min_by_key(|&index| devices[index].kind),
+            .filter(|&index| devices[index].1.kind < DeviceKind::Software)
+            .min_by_key(|&index| devices[index].1.kind),
         Selection::Named(wanted) => wanted
-            .parse::<usize>()
+            .parse::<u32>()
             .ok()
-            .filter(|&index| index < devices.len())
-            // A number that is no index may be a part of a name: "4090".
-            .or_else(|| devices.iter().position(|device| contains_ignoring_case(&device.name, wanted))),
-    };
-    found.ok_or_else(|| BackendError::NoDevice { reason: why_none(devices, selection) })
+            .and_then(|wanted| devices.iter().position(|&(number, _)| number == wanted))
+            // A number of none may be a part of a name: "4090".
+            .or_else(|| devices.iter().position(|(_, device)| contains_ignoring_case(&device.name, wanted))),
+    }
 }
 
 fn contains_ignoring_case(name: &str, part: &str) -> bool {
     name.to_lowercase().contains(&part.to_lowercase())
 }
 
-fn why_none(devices: &[&DeviceInfo], selection: &Selection) -> String {
-    let list: Vec<_> =
-        devices.iter().enumerate().map(|(index, device)| format!("{index}: {}", device.name)).collect();
+fn why_none(devices: &[(u32, &DeviceInfo)], selection: &Selection, is_for_window: bool) -> String {
+    let list: Vec<_> = devices.iter().map(|(number, device)| format!("{number}: {}", device.name)).collect();
     let list = list.join(", ");
+    let presenting = if is_for_window { " of those that present to the window" } else { "" };
     match selection {
+        _ if devices.is_empty() && is_for_window => {
+            "no device that `emboss devices` lists presents to the window".to_owned()
+        }
         _ if devices.is_empty() => {
             "no driver offers a device with Vulkan 1.2 and its memory model".to_owned()
         }
-        Selection::Auto => format!("none is hardware; --device can ask for a software one ({list})"),
-        Selection::Named(wanted) => format!("none matches --device {wanted} ({list})"),
+        Selection::Auto => {
+            format!("none{presenting} is hardware; --device can ask for a software one ({list})")
+        }
+        Selection::Named(wanted) => format!("none{presenting} matches --device {wanted} ({list})"),
     }
 }
 
@@ -121,6 +152,9 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface
     let (queue_family, timestamp_bits) = queue?;
     Some(PhysicalDevice {
         raw,
+        // Its place is the list's business.
+        number: 0,
+        selector: String::new(),
         info: DeviceInfo {
             backend: "vulkan",
             kind: kind(properties.device_type),
@@ -239,6 +273,10 @@ mod tests {
         DeviceInfo { backend: "vulkan", name: name.to_owned(), kind, details: String::new() }
     }
 
+    fn numbered<'a>(devices: &[&'a DeviceInfo]) -> Vec<(u32, &'a DeviceInfo)> {
+        (0..).zip(devices.iter().copied()).collect()
+    }
+
     fn named(wanted: &str) -> Selection {
         Selection::Named(wanted.to_owned())
     }
@@ -249,41 +287,61 @@ mod tests {
         let share = device("Share", DeviceKind::Virtual);
         let chip = device("Chip", DeviceKind::Integrated);
         let card = device("Card", DeviceKind::Discrete);
-        assert_eq!(choose(&[&software, &share, &chip, &card, &card], &Selection::Auto).unwrap(), 3);
-        assert_eq!(choose(&[&software, &share, &chip], &Selection::Auto).unwrap(), 2);
-        assert_eq!(choose(&[&software, &share], &Selection::Auto).unwrap(), 1);
+        let chosen = |devices: &[&DeviceInfo]| choose(&numbered(devices), &Selection::Auto);
+        assert_eq!(chosen(&[&software, &share, &chip, &card, &card]), Some(3));
+        assert_eq!(chosen(&[&software, &share, &chip]), Some(2));
+        assert_eq!(chosen(&[&software, &share]), Some(1));
     }
 
     #[test]
     fn auto_never_takes_software_and_names_it() {
         let software = device("llvmpipe", DeviceKind::Software);
-        let message = choose(&[&software], &Selection::Auto).unwrap_err().to_string();
+        let devices = numbered(&[&software]);
+        assert_eq!(choose(&devices, &Selection::Auto), None);
+        let message = why_none(&devices, &Selection::Auto, false);
         assert!(message.contains("--device can ask for a software one (0: llvmpipe)"), "{message}");
     }
 
     #[test]
-    fn name_matches_in_part_whatever_the_case_and_index_counts_from_zero() {
+    fn name_matches_in_part_whatever_the_case_and_numbers_are_those_of_the_list() {
         let (card, software) =
             (device("Card", DeviceKind::Discrete), device("llvmpipe", DeviceKind::Software));
-        let devices = [&card, &software];
-        assert_eq!(choose(&devices, &named("LLVM")).unwrap(), 1);
-        assert_eq!(choose(&devices, &named("1")).unwrap(), 1);
-        assert_eq!(choose(&devices, &named("car")).unwrap(), 0);
+        let devices = numbered(&[&card, &software]);
+        assert_eq!(choose(&devices, &named("LLVM")), Some(1));
+        assert_eq!(choose(&devices, &named("1")), Some(1));
+        assert_eq!(choose(&devices, &named("car")), Some(0));
+        // The first does not present.
+        assert_eq!((choose(&devices[1..], &named("1")), choose(&devices[1..], &named("0"))), (Some(0), None));
+        let message = why_none(&devices[1..], &named("0"), true);
+        assert!(
+            message.contains("none of those that present to the window matches --device 0 (1: llvmpipe)")
+        );
+    }
+
+    #[test]
+    fn selector_finds_its_device() {
+        let names = ["Card", "Card 2", "card", "7"].map(str::to_owned);
+        let selectors = [0, 1, 2, 3].map(|number| selector(&names, number));
+        assert_eq!(selectors, ["Card", "Card 2", "2", "3"]);
     }
 
     #[test]
     fn unknown_name_and_index_list_what_there_is() {
         let software = device("llvmpipe", DeviceKind::Software);
         for wanted in ["radeon", "1"] {
-            let message = choose(&[&software], &named(wanted)).unwrap_err().to_string();
+            let devices = numbered(&[&software]);
+            assert_eq!(choose(&devices, &named(wanted)), None);
+            let message = why_none(&devices, &named(wanted), false);
             assert!(message.contains(&format!("--device {wanted} (0: llvmpipe)")), "{message}");
         }
     }
 
     #[test]
     fn no_device_at_all_is_said() {
-        let message = choose(&[], &named("0")).unwrap_err().to_string();
+        let message = why_none(&[], &named("0"), false);
         assert!(message.contains("no driver offers a device"), "{message}");
+        let message = why_none(&[], &named("0"), true);
+        assert!(message.contains("presents to the window"), "{message}");
     }
 
     #[test]

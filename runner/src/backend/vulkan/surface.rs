@@ -18,7 +18,7 @@ pub(super) struct Surface {
     functions: ash::khr::surface::Instance,
     instance: Arc<Instance>,
     /// Outlives the surface: fields are dropped after `drop`.
-    _window: Arc<dyn Window>,
+    window: Arc<dyn Window>,
 }
 
 /// The instance's extensions that a window of this display needs.
@@ -35,14 +35,29 @@ fn no_handle(error: HandleError) -> BackendError {
 impl Surface {
     /// Needs an instance with the window's [`extensions`].
     pub(super) fn new(instance: &Arc<Instance>, window: Arc<dyn Window>) -> Result<Self, BackendError> {
-        let display = window.display_handle().map_err(no_handle)?.as_raw();
-        let handle = window.window_handle().map_err(no_handle)?.as_raw();
         let functions = ash::khr::surface::Instance::new(instance.entry(), instance.raw());
-        let (entry, ash) = (instance.entry(), instance.raw());
+        let mut surface =
+            Surface { raw: vk::SurfaceKHR::null(), functions, instance: Arc::clone(instance), window };
+        surface.renew()?;
+        Ok(surface)
+    }
+
+    /// Makes it anew, for where it is lost. Nothing may use it any more.
+    pub(super) fn renew(&mut self) -> Result<(), BackendError> {
+        self.destroy();
+        let display = self.window.display_handle().map_err(no_handle)?.as_raw();
+        let handle = self.window.window_handle().map_err(no_handle)?.as_raw();
+        let (entry, instance) = (self.instance.entry(), self.instance.raw());
         // SAFETY: the instance has the extensions; it and the window are held until the surface is destroyed.
-        let raw = unsafe { ash_window::create_surface(entry, ash, display, handle, None) }
+        self.raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) }
             .map_err(|source| BackendError::Vulkan { what: "making the window's surface", source })?;
-        Ok(Surface { raw, functions, instance: Arc::clone(instance), _window: window })
+        Ok(())
+    }
+
+    fn destroy(&mut self) {
+        let raw = std::mem::replace(&mut self.raw, vk::SurfaceKHR::null());
+        // SAFETY: made in `renew` or null, destroyed once; swapchains for it are destroyed before.
+        unsafe { self.functions.destroy_surface(raw, None) };
     }
 
     pub(super) fn raw(&self) -> vk::SurfaceKHR {
@@ -85,7 +100,6 @@ impl Surface {
 
 impl Drop for Surface {
     fn drop(&mut self) {
-        // SAFETY: made in `new`, destroyed once; swapchains for it are destroyed before.
-        unsafe { self.functions.destroy_surface(self.raw, None) };
+        self.destroy();
     }
 }

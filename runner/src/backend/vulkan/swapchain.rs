@@ -12,7 +12,9 @@ use std::sync::Arc;
 
 /// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none is
 /// shown at the next chance.
-const PATIENCE_NS: u64 = 20_000_000;
+const PATIENCE_NS: u64 = 5_000_000;
+/// How often the surface may be lost before a picture is shown.
+const MOST_LOSSES: u32 = 10;
 
 /// What became of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +40,10 @@ pub struct Swapchain {
     /// Signalled when the image to copy to is free.
     acquired: Owned<vk::Semaphore>,
     surface: Surface,
+    /// Whether the surface is of no more use: the window's system has taken it back.
+    is_surface_lost: bool,
+    /// How often that was so since a picture was shown.
+    losses: u32,
     functions: ash::khr::swapchain::Device,
     device: Arc<Device>,
 }
@@ -79,7 +85,7 @@ impl Swapchain {
         let instance = Arc::new(Instance::new(validate, extensions(window.as_ref())?)?);
         let surface = Surface::new(&instance, window)?;
         let found = physical::enumerate(&instance, Some(&surface))?;
-        let device = Device::new(instance, physical::select(found, selection)?)?;
+        let device = Device::new(instance, physical::select(found, selection, true)?)?;
         Ok((Self::new(&device, surface)?, OpenDevice(device)))
     }
 
@@ -104,6 +110,8 @@ impl Swapchain {
             acquired: semaphore(device)?,
             functions: ash::khr::swapchain::Device::new(surface.instance().raw(), device.raw()),
             surface,
+            is_surface_lost: false,
+            losses: 0,
             device: Arc::clone(device),
         })
     }
@@ -114,6 +122,18 @@ impl Swapchain {
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
     pub fn size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        loop {
+            if self.is_surface_lost {
+                self.renew_surface()?;
+            }
+            match self.try_size(usual) {
+                Err(error) if self.is_lost_by(&error) => {}
+                size => return size,
+            }
+        }
+    }
+
+    fn try_size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         let capabilities = self.surface.capabilities(&self.device)?;
         let extent = extent(&capabilities, usual);
         if extent.width == 0 || extent.height == 0 {
@@ -136,16 +156,56 @@ impl Swapchain {
     pub fn show(&mut self, (width, height): (u32, u32), texels: &[u32]) -> Result<Shown, BackendError> {
         assert_eq!(texels.len() as u64, u64::from(width) * u64::from(height));
         let is_for_it = |chain: &Chain| (chain.extent.width, chain.extent.height) == (width, height);
-        if self.is_stale || !self.chain.as_ref().is_some_and(is_for_it) {
+        if self.is_stale || self.is_surface_lost || !self.chain.as_ref().is_some_and(is_for_it) {
             return Ok(Shown::NotYet);
         }
-        self.wait_for_copy()?;
+        match self.try_show(texels) {
+            Err(error) if self.is_lost_by(&error) => Ok(Shown::NotYet),
+            Ok(Shown::Yes) => {
+                self.losses = 0;
+                Ok(Shown::Yes)
+            }
+            other => other,
+        }
+    }
+
+    fn try_show(&mut self, texels: &[u32]) -> Result<Shown, BackendError> {
+        // Behind a long submission of the renderer the last copy may have to wait: the window does not.
+        if !self.is_copy_done(PATIENCE_NS)? {
+            return Ok(Shown::NotYet);
+        }
         let Some(index) = self.acquire()? else { return Ok(Shown::NotYet) };
         self.stage(texels)?;
         self.record(index)?;
         self.submit(index)?;
-        self.present(index)?;
-        Ok(Shown::Yes)
+        self.present(index)
+    }
+
+    /// The surface is of no more use: the next [`size`](Self::size) makes another.
+    pub fn lose_surface(&mut self) {
+        self.is_surface_lost = true;
+    }
+
+    /// Whether an error says no more than that the surface is lost, as it may be a few times.
+    fn is_lost_by(&mut self, error: &BackendError) -> bool {
+        let is_lost = is_surface_lost(error) && self.losses < MOST_LOSSES;
+        if is_lost {
+            self.losses += 1;
+            self.lose_surface();
+        }
+        is_lost
+    }
+
+    fn renew_surface(&mut self) -> Result<(), BackendError> {
+        // Swapchains go before their surface, and copies to their images before them.
+        self.wait_for_copy()?;
+        self.chain = None;
+        self.surface.renew()?;
+        if !self.surface.is_presented_by(self.device.physical().raw, self.device.queue_family()) {
+            return Err(unfit("the device does not present to the window any more"));
+        }
+        self.is_surface_lost = false;
+        Ok(())
     }
 
     /// Makes a swapchain for the window as it is now, in place of the present one.
@@ -199,14 +259,17 @@ impl Swapchain {
     }
 
     fn wait_for_copy(&self) -> Result<(), BackendError> {
-        loop {
-            // SAFETY: the fence is of this device.
-            match unsafe { self.device.raw().wait_for_fences(&[self.copied.raw()], true, 1_000_000_000) } {
-                Ok(()) => return Ok(()),
-                // Behind a long submission of the renderer.
-                Err(vk::Result::TIMEOUT) => {}
-                Err(source) => return Err(self.device.error("showing a picture", source)),
-            }
+        while !self.is_copy_done(1_000_000_000)? {}
+        Ok(())
+    }
+
+    /// Whether the last copy is done within a time in nanoseconds.
+    fn is_copy_done(&self, patience: u64) -> Result<bool, BackendError> {
+        // SAFETY: the fence is of this device.
+        match unsafe { self.device.raw().wait_for_fences(&[self.copied.raw()], true, patience) } {
+            Ok(()) => Ok(true),
+            Err(vk::Result::TIMEOUT) => Ok(false),
+            Err(source) => Err(self.device.error("showing a picture", source)),
         }
     }
 
@@ -325,20 +388,32 @@ impl Swapchain {
         unsafe { self.device.raw().queue_submit(*queue, &submits, fences[0]) }.map_err(failed)
     }
 
-    fn present(&mut self, index: u32) -> Result<(), BackendError> {
-        let Some(chain) = &self.chain else { return Ok(()) };
+    fn present(&mut self, index: u32) -> Result<Shown, BackendError> {
+        let Some(chain) = &self.chain else { return Ok(Shown::NotYet) };
         let (drawn, chains, indices) = ([chain.drawn[index as usize].raw()], [chain.raw], [index]);
         let info =
             vk::PresentInfoKHR::default().wait_semaphores(&drawn).swapchains(&chains).image_indices(&indices);
-        let queue = self.device.queue();
         // SAFETY: the image is acquired and in the layout to be presented; no one else uses the queue.
-        match unsafe { self.functions.queue_present(*queue, &info) } {
-            Ok(suboptimal) => self.is_stale |= suboptimal,
-            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => self.is_stale = true,
-            Err(source) => return Err(self.device.error("presenting a picture", source)),
-        }
-        Ok(())
+        let presented = unsafe { self.functions.queue_present(*self.device.queue(), &info) };
+        let (shown, is_stale) =
+            after_present(presented).map_err(|source| self.device.error("presenting a picture", source))?;
+        self.is_stale |= is_stale;
+        Ok(shown)
     }
+}
+
+/// What became of a picture, and whether the chain is to be made anew.
+fn after_present(presented: ash::prelude::VkResult<bool>) -> ash::prelude::VkResult<(Shown, bool)> {
+    match presented {
+        Ok(is_suboptimal) => Ok((Shown::Yes, is_suboptimal)),
+        // The screen has not seen it.
+        Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok((Shown::NotYet, true)),
+        Err(error) => Err(error),
+    }
+}
+
+fn is_surface_lost(error: &BackendError) -> bool {
+    matches!(error, BackendError::Vulkan { source: vk::Result::ERROR_SURFACE_LOST_KHR, .. })
 }
 
 impl Drop for Swapchain {
@@ -413,6 +488,17 @@ mod tests {
         let by_pictures = vk::Extent2D { width: u32::MAX, height: u32::MAX };
         let capabilities = vk::SurfaceCapabilitiesKHR { current_extent: by_pictures, ..capabilities };
         assert_eq!(extent(&capabilities, (800, 600)), vk::Extent2D { width: 800, height: 100 });
+    }
+
+    #[test]
+    fn picture_for_another_size_was_not_shown() {
+        assert_eq!(after_present(Ok(false)), Ok((Shown::Yes, false)));
+        assert_eq!(after_present(Ok(true)), Ok((Shown::Yes, true)));
+        assert_eq!(after_present(Err(vk::Result::ERROR_OUT_OF_DATE_KHR)), Ok((Shown::NotYet, true)));
+        let (lost, gone) = (vk::Result::ERROR_SURFACE_LOST_KHR, vk::Result::ERROR_DEVICE_LOST);
+        assert_eq!(after_present(Err(gone)), Err(gone));
+        let error = |source| BackendError::Vulkan { what: "presenting a picture", source };
+        assert!(is_surface_lost(&error(lost)) && !is_surface_lost(&error(gone)));
     }
 
     #[test]

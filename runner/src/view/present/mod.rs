@@ -3,12 +3,13 @@
 mod software;
 mod vulkan;
 
-use super::ViewError;
 use super::canvas::Canvas;
+use super::renderer::Start;
+use super::{Engine, ViewError};
+use crate::backend::BackendError;
 use crate::backend::cpu::{self, CpuBackend};
 use crate::backend::select::{BackendChoice, can_be_replaced, selection};
-use crate::backend::vulkan::{OpenDevice, Shown, Swapchain, VulkanBackend};
-use crate::backend::{Backend, BackendError};
+use crate::backend::vulkan::{Shown, Swapchain, VulkanBackend};
 use software::Software;
 use std::sync::Arc;
 use winit::window::Window;
@@ -20,6 +21,9 @@ pub(super) trait Presenter {
 
     /// Shows a picture of that size, or says that it is to be tried again.
     fn show(&mut self, canvas: &Canvas) -> Result<Shown, PresentError>;
+
+    /// Makes anew what it has of the window's system, as where that is lost.
+    fn renew(&mut self) -> Result<(), PresentError>;
 }
 
 /// Why a picture cannot be shown.
@@ -29,56 +33,61 @@ pub(super) enum PresentError {
     Window(String),
 }
 
-/// What renders: a backend is made by the thread that uses it.
-pub(super) enum Engine {
-    Cpu,
-    Vulkan(OpenDevice),
+/// What a window is opened with.
+pub(super) struct Opened {
+    /// What shows pictures in it.
+    pub(super) presenter: Box<dyn Presenter>,
+    /// What renders them: a backend is made by the thread that uses it.
+    pub(super) start: Start,
+    /// By what names users know it.
+    pub(super) engine: Engine,
+    /// The device's own name.
+    pub(super) device: String,
 }
 
-impl Engine {
-    pub(super) fn device_name(&self) -> String {
-        match self {
-            Engine::Cpu => cpu::device_info().name,
-            Engine::Vulkan(device) => device.info().name.clone(),
-        }
-    }
-
-    pub(super) fn start(self) -> Result<Box<dyn Backend>, BackendError> {
-        Ok(match self {
-            Engine::Cpu => Box::new(CpuBackend::new()),
-            Engine::Vulkan(device) => Box::new(VulkanBackend::on(device)?),
-        })
-    }
-}
-
-/// What shows pictures in `window`, and what renders them.
+/// Opens what shows pictures in `window`, and what renders them.
 pub(super) fn open(
     window: &Arc<Window>,
     choice: BackendChoice,
     device: Option<&str>,
     validate: bool,
-) -> Result<(Box<dyn Presenter>, Engine), ViewError> {
+) -> Result<Opened, ViewError> {
     if choice == BackendChoice::Cpu {
         return on_cpu(window);
     }
     let for_surface: Arc<dyn crate::backend::vulkan::Window> = Arc::<Window>::clone(window);
     match Swapchain::open(for_surface, &selection(device), validate) {
-        Ok((swapchain, device)) => {
-            let presenter = vulkan::OnSwapchain { swapchain, window: Arc::clone(window) };
-            Ok((Box::new(presenter), Engine::Vulkan(device)))
+        Ok((swapchain, opened)) => {
+            let presenter = Box::new(vulkan::OnSwapchain { swapchain, window: Arc::clone(window) });
+            let device = Some(device.map_or_else(|| opened.selector().to_owned(), str::to_owned));
+            Ok(Opened {
+                presenter,
+                engine: Engine { backend: BackendChoice::Vulkan, device },
+                device: opened.info().name.clone(),
+                start: Box::new(move || Ok(Box::new(VulkanBackend::on(opened)?))),
+            })
         }
-        Err(error) if choice == BackendChoice::Auto && device.is_none() && can_be_replaced(&error) => {
+        Err(error) if is_replaceable(choice, device) && can_be_replaced(&error) => {
             tracing::info!("rendering on the CPU: {error}");
             on_cpu(window)
         }
-        Err(source @ BackendError::NoDevice { .. }) => Err(ViewError::CannotPresent { source }),
-        Err(error) => Err(error.into()),
+        Err(error @ BackendError::NoValidation) => Err(error.into()),
+        Err(source) => Err(ViewError::CannotPresent { source }),
     }
 }
 
-fn on_cpu(window: &Arc<Window>) -> Result<(Box<dyn Presenter>, Engine), ViewError> {
-    match Software::new(Arc::clone(window)) {
-        Ok(presenter) => Ok((Box::new(presenter), Engine::Cpu)),
-        Err(reason) => Err(ViewError::Window { reason: reason.to_string() }),
-    }
+/// Whether the CPU may stand for what was asked for: not for a device that has a name.
+pub(super) fn is_replaceable(choice: BackendChoice, device: Option<&str>) -> bool {
+    choice == BackendChoice::Auto && device.is_none()
+}
+
+/// The same without Vulkan.
+pub(super) fn on_cpu(window: &Arc<Window>) -> Result<Opened, ViewError> {
+    let failed = |reason: softbuffer::SoftBufferError| ViewError::Window { reason: reason.to_string() };
+    Ok(Opened {
+        presenter: Box::new(Software::new(Arc::clone(window)).map_err(failed)?),
+        start: Box::new(|| Ok(Box::new(CpuBackend::new()))),
+        engine: Engine::CPU,
+        device: cpu::device_info().name,
+    })
 }

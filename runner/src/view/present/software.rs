@@ -17,9 +17,7 @@ pub(super) struct Software {
 
 impl Software {
     pub(super) fn new(window: Arc<Window>) -> Result<Self, SoftBufferError> {
-        let context = Context::new(Arc::clone(&window))?;
-        let surface = Surface::new(&context, Arc::clone(&window))?;
-        Ok(Software { surface, size: None, window })
+        Ok(Software { surface: surface(&window)?, size: None, window })
     }
 
     fn try_show(&mut self, canvas: &Canvas) -> Result<Shown, SoftBufferError> {
@@ -38,6 +36,10 @@ impl Software {
     }
 }
 
+fn surface(window: &Arc<Window>) -> Result<Surface<Arc<Window>, Arc<Window>>, SoftBufferError> {
+    Surface::new(&Context::new(Arc::clone(window))?, Arc::clone(window))
+}
+
 impl Presenter for Software {
     fn size(&mut self) -> Result<Option<(u32, u32)>, PresentError> {
         let size = self.window.inner_size();
@@ -47,5 +49,11 @@ impl Presenter for Software {
     fn show(&mut self, canvas: &Canvas) -> Result<Shown, PresentError> {
         self.window.pre_present_notify();
         self.try_show(canvas).map_err(|error| PresentError::Window(error.to_string()))
+    }
+
+    fn renew(&mut self) -> Result<(), PresentError> {
+        self.surface = surface(&self.window).map_err(|error| PresentError::Window(error.to_string()))?;
+        self.size = None;
+        Ok(())
     }
 }

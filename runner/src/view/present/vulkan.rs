@@ -22,4 +22,9 @@ impl Presenter for OnSwapchain {
         self.window.pre_present_notify();
         self.swapchain.show(size, &canvas.texels).map_err(PresentError::Backend)
     }
+
+    fn renew(&mut self) -> Result<(), PresentError> {
+        self.swapchain.lose_surface();
+        Ok(())
+    }
 }

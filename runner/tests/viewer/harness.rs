@@ -1,0 +1,187 @@
+//! A display of its own, and a viewer in it.
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// A display, with a folder in which it keeps what is its own.
+pub(crate) struct Display {
+    server: Child,
+    /// How programs find it.
+    pub(crate) environment: Vec<(&'static str, OsString)>,
+    folder: TempDir,
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+/// The server that a command starts, or nothing on a machine without it that is not CI.
+fn started(command: &mut Command) -> Option<Child> {
+    match command.stderr(Stdio::null()).spawn() {
+        Ok(server) => Some(server),
+        Err(error) => {
+            let missing =
+                format!("{command:?} is missing ({error}); `cargo xtask test packages` installs it");
+            assert!(std::env::var_os("CI").is_none(), "{missing}");
+            let _ = writeln!(std::io::stderr(), "NOT TESTED: {missing}");
+            None
+        }
+    }
+}
+
+impl Display {
+    /// One of X11, in memory.
+    pub(crate) fn start() -> Option<Display> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut xvfb = Command::new("Xvfb");
+        xvfb.args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-fbdir"]);
+        let mut server = started(xvfb.arg(folder.path()).stdout(Stdio::piped()))?;
+        let mut number = String::new();
+        let told = server.stdout.take().expect("piped");
+        BufReader::new(told).read_line(&mut number).expect("Xvfb tells its number");
+        let environment = vec![("DISPLAY", format!(":{}", number.trim()).into())];
+        Some(Display { server, environment, folder })
+    }
+
+    /// One of Wayland, that shows its screen to nobody.
+    pub(crate) fn wayland() -> Option<Display> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut weston = Command::new("weston");
+        weston.args(["--backend=headless-backend.so", "--socket=wayland-test", "--idle-time=0"]);
+        let server = started(weston.env("XDG_RUNTIME_DIR", folder.path()).stdout(Stdio::null()))?;
+        let socket = folder.path().join("wayland-test");
+        let start = Instant::now();
+        while !socket.exists() {
+            assert!(start.elapsed() < Duration::from_secs(30), "weston has no socket");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let environment =
+            vec![("WAYLAND_DISPLAY", "wayland-test".into()), ("XDG_RUNTIME_DIR", folder.path().into())];
+        Some(Display { server, environment, folder })
+    }
+
+    /// What its screen shows: `0x00RRGGBB`, by column and row. The file is an X window dump: a header of words with their
+    /// highest byte first, a table of colours, and texels.
+    pub(crate) fn screen(&self) -> impl Fn(usize, usize) -> u32 {
+        let dump = std::fs::read(self.folder.path().join("Xvfb_screen0")).expect("the screen's file");
+        let word =
+            |i: usize| u32::from_be_bytes(dump[4 * i..4 * i + 4].try_into().expect("four bytes")) as usize;
+        let (header, row_bytes, colors) = (word(0), word(12), word(19));
+        let texels = header + 12 * colors;
+        move |x, y| {
+            let at = texels + y * row_bytes + 4 * x;
+            u32::from_le_bytes(dump[at..at + 4].try_into().expect("four bytes")) & 0xFF_FFFF
+        }
+    }
+
+    pub(crate) fn xdotool(&self, arguments: &[&str]) -> String {
+        let output = Command::new("xdotool").args(arguments).envs(self.environment.clone()).output();
+        let output = output.expect("xdotool, which `cargo xtask test packages` installs");
+        assert!(output.status.success(), "xdotool {arguments:?}: {output:?}");
+        String::from_utf8_lossy(&output.stdout).trim().to_owned()
+    }
+}
+
+/// A viewer that runs.
+pub(crate) struct Viewer {
+    program: Child,
+    said: BufReader<ChildStdout>,
+    place: TempDir,
+}
+
+/// How it ended.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub(crate) code: Option<i32>,
+    pub(crate) stderr: String,
+}
+
+pub(crate) fn emboss(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_emboss"));
+    // Displays are the tests' own.
+    command
+        .current_dir(folder)
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .env_remove("WAYLAND_SOCKET");
+    command
+}
+
+impl Viewer {
+    /// `emboss view` in an empty folder, following a script.
+    pub(crate) fn start(display: &Display, arguments: &[&str], script: &str) -> Viewer {
+        Viewer::start_in(tempfile::tempdir().expect("a folder"), display, arguments, script)
+    }
+
+    pub(crate) fn start_in(place: TempDir, display: &Display, arguments: &[&str], script: &str) -> Viewer {
+        std::fs::write(place.path().join("script"), script).expect("writable");
+        let mut command = emboss(place.path());
+        command.arg("view").args(arguments).args(["--script=script", "--output=a.png"]);
+        command.envs(display.environment.clone()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut program = command.spawn().expect("the program starts");
+        let said = BufReader::new(program.stdout.take().expect("piped"));
+        Viewer { program, said, place }
+    }
+
+    /// The next line that it says.
+    pub(crate) fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.said.read_line(&mut line).expect("text");
+        if line.is_empty() {
+            let mut stderr = String::new();
+            self.program.stderr.take().expect("piped").read_to_string(&mut stderr).expect("text");
+            panic!("the viewer ended: {stderr}");
+        }
+        line.trim_end().to_owned()
+    }
+
+    /// The window, which has the keyboard from now on.
+    pub(crate) fn focus(&self, display: &Display) -> String {
+        let window = display.xdotool(&["search", "--name", "emboss"]);
+        display.xdotool(&["windowfocus", "--sync", &window]);
+        window
+    }
+
+    /// Waits until the script says `word`; returns the number of samples that are seen then.
+    pub(crate) fn hears(&mut self, word: &str) -> u32 {
+        let line = self.line();
+        let samples = line.strip_prefix(word).unwrap_or_else(|| panic!("`{line}` is not {word}"));
+        samples.trim().parse().expect("a number of samples")
+    }
+
+    /// Bytes of memory that it holds.
+    pub(crate) fn memory(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.program.id())).expect("it runs");
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("its memory");
+        line.trim().trim_end_matches("kB").trim().parse::<u64>().expect("a number") * 1024
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.place.path().join(name)
+    }
+
+    pub(crate) fn end(mut self) -> (Ended, TempDir) {
+        let mut stderr = String::new();
+        self.program.stderr.take().expect("piped").read_to_string(&mut stderr).expect("text");
+        let code = self.program.wait().expect("it ends").code();
+        (Ended { code, stderr }, self.place)
+    }
+
+    /// Waits for its end, which has to be a good one. Returns its folder.
+    pub(crate) fn ends_well(self) -> TempDir {
+        let (ended, place) = self.end();
+        assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+        // Neither the validation layers nor anything else has to complain.
+        let complaints = ["WARN", "ERROR", "error", "alidation", "VUID", "panicked"];
+        let complains = complaints.iter().any(|word| ended.stderr.contains(word));
+        assert!(!complains, "{}", ended.stderr);
+        place
+    }
+}
