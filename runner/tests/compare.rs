@@ -95,7 +95,7 @@ fn a_comparison_writes_its_results() {
         (results["reference"]["N"].as_u64(), results["reference"]["reason"].as_str()),
         (Some(8), Some("given"))
     );
-    assert!(results["reference"]["residual_pixels"].as_f64().is_some_and(|pixels| pixels > 0.0));
+    assert!(results["reference"]["residual"]["pixels"].as_f64().is_some_and(|pixels| pixels > 0.0));
     assert_eq!(results["configurations"].as_array().map(Vec::len), Some(7));
     for method in ["quadtree", "brute-force"] {
         let exact = measured(&results, method, Some(8));
