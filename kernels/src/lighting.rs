@@ -103,7 +103,7 @@ impl DirectLighting {
     ) -> (TraversalRay, bool) {
         let mut light = Vec3::ZERO;
         let mut found = false;
-        let is_lit = features.shade == shade::LIT;
+        let is_lit = features.shade == shade::LIT || features.shade == shade::ERROR;
         while is_lit && !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
             light = source.position;

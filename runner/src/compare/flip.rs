@@ -23,7 +23,7 @@ const FEATURE_WIDTH: f32 = 0.082;
 const FEATURE_EXPONENT: f32 = 0.5;
 
 /// The error of each pixel of `test`, from 0 (looks alike) to 1. Both are linear RGB, row-major, `width` pixels a row, and as
-/// large; values are clamped to [0,1].
+/// large; values are clamped to the range from 0 to 1.
 pub fn flip(reference: &[Vec3], test: &[Vec3], width: usize) -> Vec<f32> {
     let (reference, test) = (Seen::new(reference, width), Seen::new(test, width));
     let most = most_color_difference();

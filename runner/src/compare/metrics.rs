@@ -70,7 +70,7 @@ fn is_hit(capture: &Capture) -> Vec<bool> {
 }
 
 /// The angle between directions, exactly 0 between equal ones: a cosine alone would be off by up to 0.02 degrees there.
-fn degrees_between(a: Vec3, b: Vec3) -> f64 {
+pub fn degrees_between(a: Vec3, b: Vec3) -> f64 {
     let (a, b) = (a.as_dvec3(), b.as_dvec3());
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }

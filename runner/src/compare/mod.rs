@@ -1,6 +1,6 @@
 //! `emboss compare`: what each method costs and what it gets wrong, measured on the user's own scene.
 //!
-//! Every configuration (a method with its N) is looked at from the same cameras as the [reference]: the
+//! Every configuration (a method with its N) is looked at from the same cameras as the [reference](mod@reference): the
 //! user's, one that [grazes](cameras::grazing) the surface, and those of a [path](cameras::orbit). Then all are timed in
 //! turns, round after round, so that what slows a machine down for a while slows all of them.
 

@@ -3,7 +3,7 @@
 
 use super::CompareError;
 use super::cameras::grazing;
-use super::metrics::{Capture, mean};
+use super::metrics::{Capture, degrees_between, mean};
 use super::subject::{Configuration, Stage, Subject, Watch};
 use crate::backend::Backend;
 use crate::render::Scene;
@@ -12,14 +12,17 @@ use emboss_kernels::interface::{Camera, MAX_SUBDIVISIONS, MISS};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// N is converged where twice as many parts move what a pixel shows by no more than this share of its width, in the mean.
+/// N is converged where twice as many parts move what a pixel shows by no more than this share of its width, in the mean...
 pub const BOUND: f64 = 0.05;
+/// ...and turn the normals there by no more than so many degrees. That takes longer: half as wide micro-triangles are four times
+/// as near to a smooth surface, but their normals are only twice as near to its own.
+pub const BOUND_DEGREES: f64 = 2.0;
 
 /// Why N was not doubled any more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reason {
-    /// The residual is below [`BOUND`].
+    /// The residuals are within [`BOUND`] and [`BOUND_DEGREES`].
     Converged,
     /// N is the greatest there is.
     Greatest,
@@ -35,23 +38,42 @@ pub struct Summary {
     /// Its N.
     #[serde(rename = "N")]
     pub n: u32,
-    /// How far the surface moved, in pixels, when N came to this from half of it: see [`residual`]. `None` where N is 1.
-    pub residual_pixels: Option<f64>,
+    /// By how much the surface changed when N came to this from half of it; `None` where N is 1.
+    pub residual: Option<Residual>,
     /// Why it is no greater.
     pub reason: Reason,
     /// The mean edge length of the base mesh, in model units: what depth errors are measured in.
     pub edge_length: f64,
 }
 
-/// The mean distance, in widths of a pixel, between what two captures see through the centres of pixels that either hits. What
-/// one hits alone counts as a pixel, and so does what lies farther apart.
-pub fn residual(a: &Capture, b: &Capture, pixel_side: f32) -> f64 {
-    let moved = a.hits.iter().zip(&b.hits).filter_map(|(a, b)| match (a.primitive, b.primitive) {
-        (MISS, MISS) => None,
-        (MISS, _) | (_, MISS) => Some(1.0),
-        _ => Some((f64::from((a.t - b.t).abs()) / f64::from(a.t * pixel_side)).min(1.0)),
-    });
-    mean(&moved.collect::<Vec<_>>())
+/// By how much two surfaces differ in a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Residual {
+    /// The mean distance, in widths of a pixel, between what they show through the centres of pixels that either shows. What
+    /// one shows alone counts as a pixel, and so does what lies farther apart.
+    pub pixels: f64,
+    /// The mean angle between their normals where both are.
+    pub degrees: f64,
+}
+
+impl Residual {
+    /// Of two captures of one view, whose pixels are `pixel_side` wide at distance 1.
+    pub fn between(a: &Capture, b: &Capture, pixel_side: f32) -> Residual {
+        let pairs = || a.hits.iter().zip(&b.hits);
+        let moved = pairs().filter_map(|(a, b)| match (a.primitive, b.primitive) {
+            (MISS, MISS) => None,
+            (MISS, _) | (_, MISS) => Some(1.0),
+            _ => Some((f64::from((a.t - b.t).abs()) / f64::from(a.t * pixel_side)).min(1.0)),
+        });
+        let both = pairs().filter(|(a, b)| a.primitive != MISS && b.primitive != MISS);
+        let turned = both.map(|(a, b)| degrees_between(a.normal, b.normal));
+        Residual { pixels: mean(&moved.collect::<Vec<_>>()), degrees: mean(&turned.collect::<Vec<_>>()) }
+    }
+
+    /// Whether more parts would not show.
+    pub fn is_converged(self) -> bool {
+        self.pixels <= BOUND && self.degrees <= BOUND_DEGREES
+    }
 }
 
 /// The reference with N parts.
@@ -108,15 +130,15 @@ pub fn find(
     let mut n = request.framed();
     let (mut hits, edge_length) = seen(n)?;
     if request.given.is_some() {
-        let residual_pixels = match n / 2 {
+        let residual = match n / 2 {
             0 => None,
-            half => Some(residual(&seen(half)?.0, &hits, pixel_side)),
+            half => Some(Residual::between(&seen(half)?.0, &hits, pixel_side)),
         };
-        return Ok(Summary { n, residual_pixels, reason: Reason::Given, edge_length });
+        return Ok(Summary { n, residual, reason: Reason::Given, edge_length });
     }
-    let mut residual_pixels = None;
+    let mut residual: Option<Residual> = None;
     let reason = loop {
-        if residual_pixels.is_some_and(|moved| moved <= BOUND) {
+        if residual.is_some_and(Residual::is_converged) {
             break Reason::Converged;
         } else if n == MAX_SUBDIVISIONS {
             break Reason::Greatest;
@@ -125,10 +147,10 @@ pub fn find(
         }
         n = (2 * n).min(MAX_SUBDIVISIONS);
         let (finer, _) = seen(n)?;
-        residual_pixels = Some(residual(&hits, &finer, pixel_side));
+        residual = Some(Residual::between(&hits, &finer, pixel_side));
         hits = finer;
     };
-    Ok(Summary { n, residual_pixels, reason, edge_length })
+    Ok(Summary { n, residual, reason, edge_length })
 }
 
 /// The camera that looks low over the surface, where the stage's sees any.
@@ -150,11 +172,12 @@ pub fn grazing_camera(
 mod tests {
     use super::*;
     use emboss_kernels::interface::Intersection;
+    use glam::Vec3;
 
     fn capture(depths: [f32; 4]) -> Capture {
         let hit = |t: f32| {
             let primitive = if t.is_finite() { 0 } else { MISS };
-            Intersection { t, primitive, ..Intersection::default() }
+            Intersection { t, primitive, normal: Vec3::Z, ..Intersection::default() }
         };
         Capture { colors: vec![], hits: depths.map(hit).to_vec(), width: 2 }
     }
@@ -164,8 +187,22 @@ mod tests {
     fn residuals_are_in_pixels() {
         let far = f32::INFINITY;
         let a = capture([2.0, 2.0, 2.0, far]);
-        assert_eq!(residual(&a, &a, 0.1), 0.0);
-        assert!((residual(&a, &capture([2.1, 2.0, 2.0, far]), 0.1) - 0.5 / 3.0).abs() < 1e-6);
-        assert!((residual(&a, &capture([far, 9.0, 2.0, far]), 0.1) - 2.0 / 3.0).abs() < 1e-6);
+        let pixels = |b: [f32; 4]| Residual::between(&a, &capture(b), 0.1).pixels;
+        assert_eq!(pixels([2.0, 2.0, 2.0, far]), 0.0);
+        assert!((pixels([2.1, 2.0, 2.0, far]) - 0.5 / 3.0).abs() < 1e-6);
+        assert!((pixels([far, 9.0, 2.0, far]) - 2.0 / 3.0).abs() < 1e-6);
+    }
+
+    /// One of three normals is turned by 3 degrees, another by 4.5, which is too much; where one misses there is none.
+    #[test]
+    fn residuals_are_in_degrees_too() {
+        let a = capture([2.0, 2.0, 2.0, f32::INFINITY]);
+        let mut b = a.clone();
+        let turned = |degrees: f32| glam::Quat::from_rotation_x(degrees.to_radians()) * Vec3::Z;
+        b.hits[0].normal = turned(3.0);
+        let residual = Residual::between(&a, &b, 0.1);
+        assert!((residual.degrees - 1.0).abs() < 1e-4 && residual.is_converged(), "{residual:?}");
+        b.hits[1].normal = turned(4.5);
+        assert!(!Residual::between(&a, &b, 0.1).is_converged());
     }
 }

@@ -3,7 +3,7 @@
 use super::charts::{Cost, chart, pareto};
 use super::heat;
 use super::metrics::Errors;
-use super::reference::{BOUND, Reason, Summary};
+use super::reference::{BOUND, BOUND_DEGREES, Reason, Residual, Summary};
 use super::results::{Measurement, Results, ResultsError, Store};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -89,17 +89,18 @@ fn facts(results: &Results) -> String {
 
 /// How good the reference is, in a sentence.
 pub fn described(summary: Summary) -> String {
-    let Summary { n, residual_pixels, reason, .. } = summary;
+    let Summary { n, residual, reason, .. } = summary;
+    let bounds = format!("{BOUND} pixels and {BOUND_DEGREES} degrees");
     let why = match reason {
-        Reason::Converged => format!("converged: no more than {BOUND} pixels in the mean"),
-        Reason::Greatest => format!("the greatest N there is; {BOUND} pixels were asked for"),
-        Reason::Time => format!("no time for more; {BOUND} pixels were asked for"),
+        Reason::Converged => format!("converged: {bounds} at most"),
+        Reason::Greatest => format!("the greatest N there is; {bounds} were asked for"),
+        Reason::Time => format!("no time for more; {bounds} were asked for"),
         Reason::Given => "as given".to_owned(),
     };
-    let moved = residual_pixels.map_or_else(String::new, |pixels| {
-        format!(" From half of it, what pixels show moved by {pixels:.4} of their width")
+    let moved = residual.map_or_else(String::new, |Residual { pixels, degrees }| {
+        format!("; from half of it, what pixels show moved by {pixels:.4} of their width, and normals turned by {degrees:.2} degrees, in the mean")
     });
-    format!("quadtree with N = {n}.{moved} ({why})")
+    format!("quadtree with N = {n}{moved} ({why})")
 }
 
 fn table(results: &Results) -> String {
@@ -207,7 +208,8 @@ mod tests {
 
     #[test]
     fn the_reference_says_why_it_is_no_finer() {
-        let summary = Summary { n: 128, residual_pixels: Some(0.25), reason: Reason::Time, edge_length: 1.0 };
+        let residual = Some(Residual { pixels: 0.25, degrees: 3.0 });
+        let summary = Summary { n: 128, residual, reason: Reason::Time, edge_length: 1.0 };
         let text = described(summary);
         assert!(text.contains("N = 128") && text.contains("0.2500") && text.contains("no time"), "{text}");
     }
