@@ -321,11 +321,14 @@ fn viewer_ends_while_the_scene_is_read() {
             String::new()
         }
     }
-    let start = Instant::now();
+    let (started, is_started) = channel();
     let source: Arc<dyn Source> = Arc::new(Never);
     let mut thread = Thread::with(Fault::Nowhere);
     thread.handle = Handle::start(Setup {
-        start: Box::new(|| Ok(Box::new(CpuBackend::new()))),
+        start: Box::new(move || {
+            started.send(()).expect("heard");
+            Ok(Box::new(CpuBackend::new()))
+        }),
         engine: Engine::CPU,
         is_replaceable: false,
         reading: Reading::start(&source),
@@ -335,6 +338,9 @@ fn viewer_ends_while_the_scene_is_read() {
         report: Arc::new(|_| {}),
     });
     thread.want(&Tuning::default(), (16, 12));
+    // From here on it waits for the scene.
+    is_started.recv_timeout(LONG).expect("a start");
+    let start = Instant::now();
     drop(thread);
     assert!(start.elapsed() < LONG / 2);
 }
