@@ -3,7 +3,7 @@
 use crate::counters::Counts;
 use crate::hit::Hit;
 use crate::interface::{Frame, PointLight, method, shade};
-use crate::math::{at, dot, sqrt, unit};
+use crate::math::{at, dot, sqrt};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::scene::{Features, SceneView};
@@ -109,8 +109,8 @@ impl DirectLighting {
             light = source.position;
             let cosine = self.cosine(features, light - self.shown);
             if method::searches_relief(features.method) && features.shadows != 0 && cosine > 0.0 {
-                let wi = unit(light - self.shown);
-                self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, wi);
+                let toward = light - self.shown;
+                self.seen = relief::light_seen(scene, features, self.hit, self.uv, self.height, toward);
             }
             let lit = cosine * self.seen > 0.0;
             found = features.shadows != 0 && lit;

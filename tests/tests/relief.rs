@@ -15,7 +15,7 @@ use glam::{DAffine3, DVec2, DVec3, Vec3, Vec4};
 use std::f64::consts::TAU;
 
 /// All of them.
-const METHODS: [Method; 8] = [
+const METHODS: [Method; 10] = [
     Method::Bump,
     Method::BumpOffset,
     Method::NormalMap,
@@ -24,6 +24,8 @@ const METHODS: [Method; 8] = [
     Method::Steep,
     Method::Relief,
     Method::Occlusion,
+    Method::Pyramid,
+    Method::Sphere,
 ];
 /// Texels of a side of the waves' map.
 const SIDE: u32 = 1024;
@@ -31,6 +33,7 @@ const SIDE: u32 = 1024;
 const HEIGHT: f32 = 0.08;
 
 /// The square [0, 1]² facing +z, its texture coordinates x and y, under waves in both directions around it.
+#[expect(clippy::cast_possible_truncation, reason = "texels are stored in single precision")]
 fn waves() -> Scene {
     let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     let vertex = |(u, v)| Vertex { position: Vec3::new(u, v, 0.0), u, normal: Vec3::Z, v };
@@ -55,6 +58,7 @@ fn waves() -> Scene {
 }
 
 /// The bilinear filter over the waves' map, in `f64`.
+#[expect(clippy::cast_possible_truncation, reason = "indices of texels of a small map")]
 fn height(texels: &[u32], p: DVec2) -> f64 {
     let side = i64::from(SIDE);
     let (x, y) = (p.x * side as f64 - 0.5, (1.0 - p.y) * side as f64 - 0.5);
@@ -91,7 +95,7 @@ fn root(texels: &[u32], ray: &Ray) -> f64 {
 fn steep_rays(count: usize) -> Vec<Ray> {
     let mut numbers = Numbers::new(70);
     let ray = |i: usize| {
-        let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let side = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         let target = Vec3::new(numbers.between(0.3, 0.7), numbers.between(0.3, 0.7), 0.0);
         let direction = Vec3::new(numbers.between(-0.7, 0.7), numbers.between(-0.7, 0.7), side);
         Ray { origin: target - direction * 0.2, t_max: f32::INFINITY, direction, padding: 0 }
@@ -295,8 +299,7 @@ fn maps_made_from_heights_lean_as_these_do() {
 fn errors_shown_are_differences_from_the_exact_method() {
     let (scene, settings) = builtin_scene("builtin:cube", 6, 48, 36);
     // The same for all: boxes differ, by which the camera is placed otherwise.
-    let view =
-        View { eye: Some(Vec3::new(2.5, 2.0, 3.0)), target: Some(Vec3::ZERO), ..settings.view.clone() };
+    let view = View { eye: Some(Vec3::new(2.5, 2.0, 3.0)), target: Some(Vec3::ZERO), ..settings.view };
     let lights = vec![Light { position: Vec3::new(4.0, 6.0, 5.0), color: Vec3::ONE, intensity: Some(60.0) }];
     let settings = Settings { view, lights, ..settings };
     let pixels = |method, shade| {

@@ -143,6 +143,10 @@ fn methods_that_are_not_chosen_leave_no_code() {
     let own = |method: &Code| method.instructions - none.instructions;
     let sum = own(&quadtree) + own(&grid_walk) + own(&brute_force) + none.instructions;
     assert!(all > sum, "{all} instructions before, {sum} together");
+    for method in 0..=method::SPHERE {
+        let one = specialized("render", Features { method, ..ALL }).instructions;
+        assert!(3 * one < all, "method {method}: {one} of {all} instructions");
+    }
 }
 
 /// What a method stores is read by its own pipelines alone.
@@ -154,4 +158,8 @@ fn other_methods_stores_are_not_read() {
     assert_unread(&tessellate, &quadtree, &[binding::MICRO_VERTICES]);
     assert_unread(&sphere, &quadtree, &[binding::DISTANCES]);
     assert_unread(&quadtree, &inverse, &[binding::HEIGHT_RANGES]);
+    let [normal_map, steep] =
+        [method::NORMAL_MAP, method::STEEP].map(|method| specialized("render", Features { method, ..ALL }));
+    assert_unread(&normal_map, &quadtree, &[binding::NORMAL_TEXELS]);
+    assert_unread(&quadtree, &steep, &[binding::HEIGHT_RANGES]);
 }

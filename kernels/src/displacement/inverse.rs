@@ -113,11 +113,10 @@ pub fn intersect(
             cuts += 1;
         } else {
             found = is_inside(place.at, if leaves { 0.0 } else { EDGE });
-            // Beyond an edge: the search goes on from the next step.
+            // Beyond an edge: the search goes on from this step.
             known = false;
             cuts = 0;
-            step += 1;
-            going = !found && step <= n;
+            going = !found;
         }
     }
     if found && t >= 0.0 && t <= ray.t_max {

@@ -4,7 +4,7 @@
 //!
 //! It is what the methods that store nothing are measured against. The surface and the triangle test are theirs, bit for
 //! bit, so that it finds what [`quadtree`](super::quadtree) finds. A ray costs what a tree over as many triangles costs;
-//! memory is some 75 bytes for each micro-triangle: 64 of nodes, 4 of order and 6 of micro-vertices. The tree has at most
+//! memory is some 100 bytes for each micro-triangle: 64 of nodes, 4 of order, 6 of micro-vertices and 24 of boxes. The tree has at most
 //! [`MAX_PRIMITIVES`](crate::interface::MAX_PRIMITIVES) micro-triangles.
 //!
 //! The grid of a base triangle is stored in rows of constant j from j = N, a single micro-vertex, to j = 0, whose N + 1 lie

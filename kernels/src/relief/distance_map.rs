@@ -90,8 +90,8 @@ fn wrapped(i: i32, mode: u32) -> u32 {
     }
 }
 
-/// Distance of the cell at `p` in units of cells; 0 beyond the greatest and the least height. Cells farther than 2^22 from the
-/// map count as those there.
+/// Distance of the cell at `p` in units of cells. Beyond the greatest height it is that of the last layer, beyond the least
+/// one that of the first, which is 0. Cells farther than 2^22 from the map count as those there.
 #[inline]
 pub fn distance_at(distances: &[f32], map: u32, mode: u32, p: Vec3) -> f32 {
     let limit = Vec2::splat(4_194_304.0);

@@ -57,9 +57,9 @@ pub fn surface(
     if method::searches_relief(features.method) {
         offset = searched(scene, features, &space, &tangent_ray, hit.t);
     } else if features.method == method::PARALLAX {
-        offset = parallax::offset(&space, &tangent_ray);
+        offset = parallax::offset(&space, &tangent_ray).max(-hit.t);
     } else if features.method == method::PARALLAX_LIMITED {
-        offset = parallax::limited_offset(&space, &tangent_ray, direction.length());
+        offset = parallax::limited_offset(&space, &tangent_ray, direction.length()).max(-hit.t);
     }
     let uv = tangent_ray.uv(offset);
     let mut ns = flat.ns;
@@ -113,8 +113,9 @@ fn searched(
     }
 }
 
-/// How much the relief lets through, by a method that searches, of the light from the world's direction `wi`, 0 to 1, where
-/// [`surface()`] gave these texture coordinates and this height for the hit. Those without shadows of their own take layers for it.
+/// How much the relief lets through, by a method that searches, of the light at the end of `toward`, the world's way to
+/// it: 0 to 1, where [`surface()`] gave these texture coordinates and this height for the hit. Methods without shadows of
+/// their own take layers for it.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
 #[inline]
@@ -124,14 +125,16 @@ pub fn light_seen(
     hit: Hit,
     uv: Vec2,
     height: f32,
-    wi: Vec3,
+    toward: Vec3,
 ) -> f32 {
     let field = HeightField::new(scene, features).of_triangle(scene, hit.primitive, hit.instance);
     let base = BaseTriangle::load(scene, hit.primitive);
     let w = Vec3::new(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
     let space = TangentSpace::new(&field, &base, w);
-    let ray = space.ray(uv, height, object_vector(scene, features, hit, wi));
-    let span = ray.span(space.heights(), 0.0);
+    let distance = toward.length();
+    let ray = space.ray(uv, height, object_vector(scene, features, hit, toward / distance));
+    // What lies behind the light does not shadow it.
+    let span = ray.span(space.heights(), 0.0).up_to(distance);
     if !span.is_some() {
         return 1.0;
     }

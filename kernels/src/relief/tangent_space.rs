@@ -226,6 +226,12 @@ impl Span {
         self.is_some
     }
 
+    /// What of it is no farther than `most`; its beginning where all of it is.
+    #[inline]
+    pub fn up_to(&self, most: f32) -> Span {
+        Span { far: self.far.min(most).max(self.near), ..*self }
+    }
+
     /// The distance at share `s` of it.
     #[inline]
     pub fn at(&self, s: f32) -> f32 {

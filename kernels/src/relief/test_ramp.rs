@@ -29,7 +29,7 @@ pub(crate) fn ramp(n: u32) -> TestScene {
 pub(crate) fn rays() -> Vec<Ray> {
     let mut numbers = Numbers::new(31);
     let ray = |i: usize| {
-        let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let side = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         let target = numbers.vec3() * Vec3::new(0.4, 0.4, 0.0);
         let direction = numbers.vec3() * Vec3::new(1.2, 1.2, 0.0) - Vec3::Z * side;
         Ray { origin: target - direction * (1.0 + numbers.unit()), t_max: 1e9, direction, padding: 0 }

@@ -72,10 +72,10 @@ fn binary(op: Op, a: u32, b: u32) -> Option<u32> {
         Op::FOrdGreaterThanEqual => u32::from(fa >= fb),
         Op::FUnordEqual => u32::from(unordered || fa == fb),
         Op::FUnordNotEqual => u32::from(fa != fb),
-        Op::FUnordLessThan => u32::from(!(fa >= fb)),
-        Op::FUnordLessThanEqual => u32::from(!(fa > fb)),
-        Op::FUnordGreaterThan => u32::from(!(fa <= fb)),
-        Op::FUnordGreaterThanEqual => u32::from(!(fa < fb)),
+        Op::FUnordLessThan => u32::from(unordered || fa < fb),
+        Op::FUnordLessThanEqual => u32::from(unordered || fa <= fb),
+        Op::FUnordGreaterThan => u32::from(unordered || fa > fb),
+        Op::FUnordGreaterThanEqual => u32::from(unordered || fa >= fb),
         _ => return None,
     };
     Some(integer)

@@ -99,7 +99,9 @@ impl Flow {
             let named: Vec<Word> = ids(merge).collect();
             let stays = merge.class.opcode == Op::LoopMerge || !flow.folded.contains_key(&own);
             if stays && !found.reachable.contains(&named[0]) {
-                flow.stubs.insert(named[0], Instruction::new(Op::Unreachable, None, None, vec![]));
+                let unreachable = Instruction::new(Op::Unreachable, None, None, vec![]);
+                // It may be the continue target of a loop around, which leads back.
+                flow.stubs.entry(named[0]).or_insert(unreachable);
             }
             if let Some(&target) = named.get(1).filter(|target| !found.reachable.contains(target)) {
                 let back = Instruction::new(Op::Branch, None, None, vec![Operand::IdRef(own)]);
