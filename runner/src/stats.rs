@@ -1,8 +1,9 @@
 //! What a rendering took, as `--stats` writes it.
 
-use crate::backend::{BuildReport, DeviceInfo, distance_maps, micro_vertices, tree_primitives};
+use crate::backend::{BuildReport, DeviceInfo, distance_maps, is_stored, micro_vertices, tree_primitives};
 use crate::render::{Job, Rendering, Scene};
 use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
+use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use emboss_kernels::relief::distance_map::WORDS;
 use serde::Serialize;
@@ -69,6 +70,10 @@ pub struct Bytes {
     pub height_ranges: u64,
     /// Distance maps; 0 where none is read.
     pub distances: u64,
+    /// Boxes of triangles, or also of stored micro-triangles, from which the BVH is refitted.
+    pub boxes: u64,
+    /// Sizes of texels at vertices; 0 where no levels are read.
+    pub texel_scales: u64,
     /// Maps of normals or of offsets; 0 where none is read.
     pub normal_texels: u64,
     /// Seams and their sides.
@@ -254,6 +259,9 @@ impl Bytes {
     /// What a loaded job has in memory.
     pub(crate) fn new(job: &Job, build: BuildReport) -> Bytes {
         let buffers = &job.buffers;
+        let micro_triangles =
+            if is_stored(job.features) { tree_primitives(&job.frame, job.features) } else { 0 };
+        let boxes = u64::from(job.frame.triangle_count) + u64::from(micro_triangles);
         Bytes {
             vertices: bytes(&buffers.vertices) + bytes(&buffers.tangents),
             triangles: bytes(&buffers.triangles),
@@ -266,6 +274,8 @@ impl Bytes {
             distances: u64::from(distance_maps(buffers.displacements.len(), job.features))
                 * u64::from(WORDS)
                 * size_of::<f32>() as u64,
+            boxes: boxes * size_of::<Aabb>() as u64,
+            texel_scales: bytes(&buffers.texel_scales),
             normal_texels: bytes(&buffers.normal_texels),
             seams: bytes(&buffers.seams) + bytes(&buffers.seam_sides),
             color_texels: bytes(&buffers.color_texels),
@@ -303,6 +313,8 @@ impl Bytes {
             instances,
             micro_vertices,
             distances,
+            boxes,
+            texel_scales,
             normal_texels,
             film: _,
         } = self;
@@ -312,6 +324,8 @@ impl Bytes {
             + primitives
             + micro_vertices
             + distances
+            + boxes
+            + texel_scales
             + normal_texels
             + height_texels
             + height_ranges

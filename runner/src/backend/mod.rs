@@ -323,7 +323,7 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
 }
 
 /// Whether the method intersects a tessellation, which is stored.
-fn is_stored(features: Features) -> bool {
+pub(crate) fn is_stored(features: Features) -> bool {
     features.method == method::TESSELLATE
 }
 
@@ -346,7 +346,12 @@ pub(crate) fn tree_primitives(frame: &Frame, features: Features) -> u32 {
 
 /// How many micro-vertices are stored.
 pub(crate) fn micro_vertices(frame: &Frame, features: Features) -> u32 {
-    if is_stored(features) { frame.triangle_count * tessellate::vertices_of(frame.subdivisions) } else { 0 }
+    // N is checked only where something is traced.
+    if is_stored(features) && frame.triangle_count > 0 {
+        frame.triangle_count * tessellate::vertices_of(frame.subdivisions)
+    } else {
+        0
+    }
 }
 
 /// Refuses a tessellation of more micro-triangles than a tree holds.
