@@ -256,7 +256,7 @@ impl App {
             match report {
                 Report::Loaded(scene) => self.state.scene = Some(*scene),
                 Report::Message(message) => self.state.message = message,
-                Report::Kept(tunings) => self.state.tuning.take_back(&tunings[0], &tunings[1]),
+                Report::Kept(tunings) => self.state.take_back(&tunings[0], &tunings[1]),
                 Report::Replaced => self.replace(event_loop),
                 Report::Refused(error) => self.fail(event_loop, *error),
                 Report::Lost(failure) => self.lose(event_loop, *failure),

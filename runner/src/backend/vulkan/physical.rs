@@ -227,7 +227,9 @@ fn compute_queue(
         .zip(families)
         .find(|&(index, family)| {
             let computes = family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0;
-            computes && window.is_none_or(|window| window.is_presented_by(raw, index))
+            // A driver that does not tell is not chosen.
+            let presents = |window: &Surface| window.is_presented_by(raw, index).unwrap_or(false);
+            computes && window.is_none_or(presents)
         })
         .map(|(index, family)| (index, family.timestamp_valid_bits))
 }

@@ -123,9 +123,6 @@ impl Swapchain {
     /// [`BackendError::DeviceLost`], or another error of the driver.
     pub fn size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         loop {
-            if self.is_surface_lost {
-                self.renew_surface()?;
-            }
             match self.try_size(usual) {
                 Err(error) if self.is_lost_by(&error) => {}
                 size => return size,
@@ -134,6 +131,9 @@ impl Swapchain {
     }
 
     fn try_size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        if self.is_surface_lost {
+            self.renew_surface()?;
+        }
         let capabilities = self.surface.capabilities(&self.device)?;
         let extent = extent(&capabilities, usual);
         if extent.width == 0 || extent.height == 0 {
@@ -201,7 +201,12 @@ impl Swapchain {
         self.wait_for_copy()?;
         self.chain = None;
         self.surface.renew()?;
-        if !self.surface.is_presented_by(self.device.physical().raw, self.device.queue_family()) {
+        let (physical, family) = (self.device.physical().raw, self.device.queue_family());
+        // Also the new one may be lost already, which is no reason to end.
+        let is_presented = self.surface.is_presented_by(physical, family).map_err(|source| {
+            self.device.error("asking whether the device presents to the window", source)
+        })?;
+        if !is_presented {
             return Err(unfit("the device does not present to the window any more"));
         }
         self.is_surface_lost = false;
