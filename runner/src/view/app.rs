@@ -97,8 +97,8 @@ struct Open {
 }
 
 impl Drop for Open {
-    /// The window closes at once, though the thread may have to finish something first. Where the system hides no windows
-    /// it goes when the thread has ended.
+    /// The window closes at once, though the thread may have to finish something first. Where the system hides no
+    /// windows it goes when the thread has ended.
     fn drop(&mut self) {
         self.renderer.quit();
         self.window.set_visible(false);

@@ -49,8 +49,8 @@ pub struct Pose {
 
 /// How much a step of the scale multiplies it by: seven double it.
 const SCALE_STEP: f32 = 1.1;
-/// The most that scales grow to, as a multiple of what they were loaded with. Reaches beyond 1e12 are not loaded, so that
-/// heights stay within a float's range.
+/// The most that scales grow to, as a multiple of what they were loaded with. Reaches beyond 1e12 are not loaded, so
+/// that heights stay within a float's range.
 const MOST_SCALE: f32 = 1e6;
 /// Least and greatest side of micro-triangles in pixels: see [`Subdivisions::Auto`].
 const LEAST_PIXELS: f32 = 0.1;
@@ -101,8 +101,8 @@ impl Tuning {
         scene
     }
 
-    /// The reliefs with this tuning's heights. Where no material has a map there is nothing to tune: what stands for it is a
-    /// texel of its own zero.
+    /// The reliefs with this tuning's heights. Where no material has a map there is nothing to tune: what stands for it
+    /// is a texel of its own zero.
     pub fn reliefs(&self, loaded: &Loaded) -> Vec<Relief> {
         let reliefs = &loaded.scene.reliefs;
         if !loaded.is_displaced {
@@ -117,7 +117,8 @@ impl Tuning {
         reliefs.iter().map(tuned).collect()
     }
 
-    /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is loaded.
+    /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is
+    /// loaded.
     pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
@@ -150,8 +151,8 @@ impl Tuning {
         self.method.unwrap_or(base.method)
     }
 
-    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera and
-    /// what else concerns no scene stay.
+    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera
+    /// and what else concerns no scene stay.
     pub(super) fn take_back(&mut self, refused: &Tuning, kept: &Tuning) {
         fn one<T: Copy + PartialEq>(value: &mut T, refused: T, kept: T) {
             if *value == refused {
@@ -169,8 +170,8 @@ impl Tuning {
         }
     }
 
-    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by [`MOST_SCALE`] times that at
-    /// most.
+    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by [`MOST_SCALE`] times that
+    /// at most.
     pub fn step_scale(&mut self, steps: i32, loaded: f32) {
         let most = (MOST_SCALE * loaded).abs();
         let factor = self.exaggeration.unwrap_or(loaded) * SCALE_STEP.powi(steps);
@@ -208,8 +209,8 @@ impl Tuning {
         }
     }
 
-    /// The next method that takes the scene's maps, and N as it is. It follows the one that was `refused`, where one was:
-    /// what else a scene is refused for shows only when it is loaded.
+    /// The next method that takes the scene's maps, and N as it is. It follows the one that was `refused`, where one
+    /// was: what else a scene is refused for shows only when it is loaded.
     pub fn next_method(&mut self, settings: &Settings, refused: Option<Method>) {
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
         let vectors = settings.displacement != DisplacementKind::Height;
@@ -293,7 +294,8 @@ mod tests {
         assert_eq!(tuning.reliefs(&loaded(true))[0].scale, -0.25 * 0.3);
     }
 
-    /// Another zero of a height map moves the surface, be it of one texel; where there is no map there is nothing to move.
+    /// Another zero of a height map moves the surface, be it of one texel; where there is no map there is nothing to
+    /// move.
     #[test]
     fn what_has_no_map_stays_flat() {
         let tuning = Tuning { zero: Some(0.0), exaggeration: Some(2.0), ..Tuning::default() };

@@ -10,8 +10,8 @@ use crate::backend::BackendError;
 use ash::vk;
 use std::sync::Arc;
 
-/// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none is
-/// shown at the next chance.
+/// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none
+/// is shown at the next chance.
 const PATIENCE_NS: u64 = 5_000_000;
 /// How often the surface may be lost before a picture is shown.
 const MOST_LOSSES: u32 = 10;
@@ -71,8 +71,8 @@ impl Drop for Chain {
 }
 
 impl Swapchain {
-    /// Opens the selected device, of those that can present to `window`, and prepares to show pictures there. The device is
-    /// returned for a [backend](super::VulkanBackend::on).
+    /// Opens the selected device, of those that can present to `window`, and prepares to show pictures there. The
+    /// device is returned for a [backend](super::VulkanBackend::on).
     ///
     /// # Errors
     /// [`BackendError::NoDevice`] where nothing matches `selection`, [`BackendError::NoValidation`] where the layers
@@ -146,7 +146,8 @@ impl Swapchain {
         Ok(Some((extent.width, extent.height)))
     }
 
-    /// Shows a picture of the [size](Self::size) that the window takes: texels `0x00RRGGBB` in sRGB, row by row from the top.
+    /// Shows a picture of the [size](Self::size) that the window takes: texels `0x00RRGGBB` in sRGB, row by row from
+    /// the top.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
