@@ -97,8 +97,8 @@ struct Open {
 }
 
 impl Drop for Open {
-    /// The window closes at once, though the thread may have to finish something first. Where the system hides no windows
-    /// it goes when the thread has ended.
+    /// The window closes at once, though the thread may have to finish something first. Where the system hides no
+    /// windows it goes when the thread has ended.
     fn drop(&mut self) {
         self.renderer.quit();
         self.window.set_visible(false);
@@ -256,7 +256,7 @@ impl App {
             match report {
                 Report::Loaded(scene) => self.state.scene = Some(*scene),
                 Report::Message(message) => self.state.message = message,
-                Report::Kept(tunings) => self.state.tuning.take_back(&tunings[0], &tunings[1]),
+                Report::Kept(tunings) => self.state.take_back(&tunings[0], &tunings[1]),
                 Report::Replaced => self.replace(event_loop),
                 Report::Refused(error) => self.fail(event_loop, *error),
                 Report::Lost(failure) => self.lose(event_loop, *failure),

@@ -3,8 +3,8 @@
 //! Two threads. The main one has the window: it hears the user (`input`, `controls`), keeps the camera and the
 //! settings (`state`, `camera`, `tuning`), puts text over the newest picture (`overlay`) and shows it (`present`). It
 //! never waits for the other, which renders (`renderer`): passes of a sample each over all pixels, begun anew whenever
-//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files, and
-//! reads them on a thread of its own.
+//! something changes, at first with fewer pixels so that there is something to see at once. `reload` watches the files,
+//! and reads them on a thread of its own.
 //!
 //! What is shown is what `emboss render` renders with the same arguments, to the bit: cameras go through the same
 //! [framing](crate::framing::frame), and scenes through the same [preparation](crate::render::prepare).
@@ -200,8 +200,8 @@ impl From<BackendError> for ViewError {
 /// Opens the window and stays until it is closed.
 ///
 /// # Errors
-/// [`ViewError::NoDisplay`] and [`ViewError::CannotPresent`] where nothing can be shown; else what the scene, the device or
-/// the window failed with.
+/// [`ViewError::NoDisplay`] and [`ViewError::CannotPresent`] where nothing can be shown; else what the scene, the
+/// device or the window failed with.
 pub fn run(source: Box<dyn Source>, options: Options) -> Result<(), ViewError> {
     app::run(source.into(), options)
 }

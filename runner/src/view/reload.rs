@@ -29,8 +29,8 @@ enum Heard {
 }
 
 impl Watcher {
-    /// Watches nothing as yet. `changed` is called on another thread. It tells of the file where what it reads is wrong: that
-    /// is watched too, since it may be a new one.
+    /// Watches nothing as yet. `changed` is called on another thread. It tells of the file where what it reads is
+    /// wrong: that is watched too, since it may be a new one.
     pub(super) fn new(changed: impl FnMut() -> Option<PathBuf> + Send + 'static) -> notify::Result<Watcher> {
         let (orders, heard) = channel();
         let events = orders.clone();

@@ -30,8 +30,8 @@ use thread::{Ended, Read, Shared};
 
 /// What the first pass after a change should take: films get as many pixels as that allows.
 const PREVIEW: Duration = Duration::from_millis(30);
-/// How long the first pass goes on though something has changed again: were it always broken off, a camera that moves would
-/// show nothing.
+/// How long the first pass goes on though something has changed again: were it always broken off, a camera that moves
+/// would show nothing.
 const PATIENCE: Duration = Duration::from_millis(200);
 /// A film has at least 1/2^LEAST_LEVEL of the window's columns and rows.
 const LEAST_LEVEL: u32 = 5;
@@ -133,7 +133,8 @@ fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
     Ok(renderer.work()?)
 }
 
-/// Reads the scene whenever its files have changed, beside the thread that renders: what is half written breaks off nothing.
+/// Reads the scene whenever its files have changed, beside the thread that renders: what is half written breaks off
+/// nothing.
 fn watch(
     source: &Arc<dyn Source>,
     shared: &Arc<Shared>,
@@ -157,7 +158,8 @@ fn watch(
     })
 }
 
-/// Makes a scene ready for the backend, and keeps of it what views need. Nothing where the viewer is to end before that.
+/// Makes a scene ready for the backend, and keeps of it what views need. Nothing where the viewer is to end before
+/// that.
 fn load(
     backend: &mut dyn Backend,
     loaded: &Loaded,
@@ -284,8 +286,8 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Loads what is wanted, of `read` where that is new. Where that cannot be, it says so, and loads again what there was,
-    /// as `before` wanted it. Returns whether it could be.
+    /// Loads what is wanted, of `read` where that is new. Where that cannot be, it says so, and loads again what there
+    /// was, as `before` wanted it. Returns whether it could be.
     fn load_or_keep(&mut self, read: Option<Read>, before: &Tuning) -> Result<bool, BackendError> {
         self.pace = None;
         let new = read.as_ref().unwrap_or(&self.read);

@@ -26,8 +26,8 @@ impl Screen {
         Screen { size: None, is_hidden: false, is_stale: true, retry: None }
     }
 
-    /// The window takes pictures of another size, or none. Returns whether others are to be rendered: not for a window that
-    /// comes back as it was.
+    /// The window takes pictures of another size, or none. Returns whether others are to be rendered: not for a window
+    /// that comes back as it was.
     pub(super) fn takes(&mut self, size: Option<(u32, u32)>) -> bool {
         self.is_hidden = size.is_none();
         let is_other = size.is_some() && self.size != size;

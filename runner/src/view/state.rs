@@ -6,7 +6,7 @@ use super::input::Input;
 use super::tuning::Tuning;
 use super::zeros::Zeros;
 use crate::framing::{Framing, View, intensity_for, key_light};
-use crate::settings::{Light, Settings, Subdivisions};
+use crate::settings::{Light, Method, Settings, Subdivisions};
 use glam::{Quat, Vec3};
 
 /// The share of the target's distance that the camera flies in a second.
@@ -59,6 +59,8 @@ pub(super) struct State {
     pub(super) framing: Option<Framing>,
     controls: Controls,
     camera: Option<Camera>,
+    /// The method that was taken back last, until another is wanted.
+    refused: Option<Method>,
     /// How fast the camera flies; 1 at first.
     speed: f64,
 }
@@ -73,6 +75,7 @@ impl State {
             framing: None,
             controls: Controls::default(),
             camera: None,
+            refused: None,
             speed: 1.0,
         }
     }
@@ -141,7 +144,7 @@ impl State {
             Wish::Zero(steps) => tuning.zero = Some(scene.zeros.stepped(tuning.zero, steps)),
             Wish::Subdivisions(steps) => tuning.step_subdivisions(steps, scene.subdivisions),
             Wish::Auto => tuning.toggle_auto(settings, scene.subdivisions),
-            Wish::Method => tuning.next_method(settings),
+            Wish::Method => tuning.next_method(settings, self.refused.take()),
             Wish::Shade => tuning.next_shade(settings),
             Wish::Shadows => tuning.shadows = Some(!tuning.shadows.unwrap_or(settings.shadows)),
             Wish::Smooth => tuning.smooth = Some(!tuning.smooth.unwrap_or(settings.smooth)),
@@ -165,6 +168,15 @@ impl State {
             _ => return Effect::Nothing,
         }
         if self.tuning == before { Effect::Nothing } else { Effect::Render }
+    }
+
+    /// Takes back what was `refused`, in favour of what is `kept`.
+    pub(super) fn take_back(&mut self, refused: &Tuning, kept: &Tuning) {
+        // Where another is wanted by now, that one is the method to go on from.
+        if refused.method != kept.method && self.tuning.method == refused.method {
+            self.refused = refused.method;
+        }
+        self.tuning.take_back(refused, kept);
     }
 
     /// The mouse cannot be held in the window: it is the pointer's, which drags.
@@ -274,6 +286,26 @@ mod tests {
         assert_eq!(state.hear(key(KeyCode::Backspace, true)), Effect::Render);
         assert_eq!(state.tuning, Tuning { pose, ..Tuning::default() });
         assert!(pose.is_some() && state.hear(key(KeyCode::Backspace, true)) == Effect::Nothing);
+    }
+
+    /// The key comes past a method that cannot be loaded, and forgets it then.
+    #[test]
+    fn method_that_is_refused_is_passed() {
+        let mut state = state();
+        let kept = Tuning { method: Some(Method::GridWalk), ..Tuning::default() };
+        let refused = Tuning { method: Some(Method::Tessellate), ..Tuning::default() };
+        state.tuning = refused.clone();
+        state.take_back(&refused, &kept);
+        assert_eq!(state.tuning, kept);
+        for method in [Method::BruteForce, Method::Inverse] {
+            assert_eq!(state.hear(key(KeyCode::KeyM, true)), Effect::Render);
+            state.hear(key(KeyCode::KeyM, false));
+            assert_eq!(state.tuning.method, Some(method));
+        }
+        // It was refused too late: another is wanted.
+        state.take_back(&refused, &kept);
+        state.hear(key(KeyCode::KeyM, true));
+        assert_eq!(state.tuning.method, Some(Method::Bump));
     }
 
     /// Where the system lends the mouse to no window a click is nothing, and a drag still goes round.

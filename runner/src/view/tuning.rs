@@ -49,6 +49,9 @@ pub struct Pose {
 
 /// How much a step of the scale multiplies it by: seven double it.
 const SCALE_STEP: f32 = 1.1;
+/// The most that scales grow to, as a multiple of what they were loaded with. Reaches beyond 1e12 are not loaded, so
+/// that heights stay within a float's range.
+const MOST_SCALE: f32 = 1e6;
 /// Least and greatest side of micro-triangles in pixels: see [`Subdivisions::Auto`].
 const LEAST_PIXELS: f32 = 0.1;
 const MOST_PIXELS: f32 = 64.0;
@@ -98,8 +101,8 @@ impl Tuning {
         scene
     }
 
-    /// The reliefs with this tuning's heights. Where no material has a map there is nothing to tune: what stands for it is a
-    /// texel of its own zero.
+    /// The reliefs with this tuning's heights. Where no material has a map there is nothing to tune: what stands for it
+    /// is a texel of its own zero.
     pub fn reliefs(&self, loaded: &Loaded) -> Vec<Relief> {
         let reliefs = &loaded.scene.reliefs;
         if !loaded.is_displaced {
@@ -114,7 +117,8 @@ impl Tuning {
         reliefs.iter().map(tuned).collect()
     }
 
-    /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is loaded.
+    /// Whether the scene has to be packed and built anew for another tuning; else it is enough to change what is
+    /// loaded.
     pub fn needs_other_scene(&self, other: &Tuning, base: &Settings) -> bool {
         // Height maps have their levels only where something is displaced.
         let levels = base.filter == Filter::Trilinear && self.is_flat(base) != other.is_flat(base);
@@ -147,8 +151,8 @@ impl Tuning {
         self.method.unwrap_or(base.method)
     }
 
-    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera and
-    /// what else concerns no scene stay.
+    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera
+    /// and what else concerns no scene stay.
     pub(super) fn take_back(&mut self, refused: &Tuning, kept: &Tuning) {
         fn one<T: Copy + PartialEq>(value: &mut T, refused: T, kept: T) {
             if *value == refused {
@@ -160,11 +164,18 @@ impl Tuning {
         one(&mut self.subdivisions, refused.subdivisions, kept.subdivisions);
         one(&mut self.method, refused.method, kept.method);
         one(&mut self.wrap, refused.wrap, kept.wrap);
+        // Errors are loaded with the boxes of what they are shown against; the others are colours of what is loaded.
+        if refused.shade == Some(Shade::Error) {
+            one(&mut self.shade, refused.shade, kept.shade);
+        }
     }
 
-    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first.
+    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by [`MOST_SCALE`] times that
+    /// at most.
     pub fn step_scale(&mut self, steps: i32, loaded: f32) {
+        let most = (MOST_SCALE * loaded).abs();
         let factor = self.exaggeration.unwrap_or(loaded) * SCALE_STEP.powi(steps);
+        let factor = factor.max(-most).min(most);
         // Up and down again is where it was, though floats round.
         let is_loaded = (factor - loaded).abs() < 1e-4 * loaded.abs();
         self.exaggeration = (!is_loaded && factor.is_finite()).then_some(factor);
@@ -198,8 +209,9 @@ impl Tuning {
         }
     }
 
-    /// The next method that takes the scene's maps, and N as it is.
-    pub fn next_method(&mut self, settings: &Settings) {
+    /// The next method that takes the scene's maps, and N as it is. It follows the one that was `refused`, where one
+    /// was: what else a scene is refused for shows only when it is loaded.
+    pub fn next_method(&mut self, settings: &Settings, refused: Option<Method>) {
         let auto = self.subdivisions.map_or(settings.adaptive, Subdivisions::pixels).is_some();
         let vectors = settings.displacement != DisplacementKind::Height;
         let is_refused = |method: Method| {
@@ -207,7 +219,7 @@ impl Tuning {
                 || vectors && !method.takes_vectors()
                 || method.is_stored() && settings.filter == Filter::Trilinear
         };
-        let mut method = next(self.method_of(settings));
+        let mut method = next(refused.unwrap_or_else(|| self.method_of(settings)));
         while is_refused(method) {
             method = next(method);
         }
@@ -261,6 +273,19 @@ mod tests {
         assert_eq!(tuning, Tuning::default());
     }
 
+    /// However long the key is held: heights of the largest scale that is loaded are numbers still.
+    #[test]
+    fn scale_ends_before_heights_overflow() {
+        for loaded in [0.1, -3e7] {
+            let (mut tuning, largest) = (Tuning::default(), 1e12 / loaded);
+            for _ in 0..2000 {
+                tuning.step_scale(1, loaded);
+            }
+            assert_eq!(tuning.exaggeration, Some(MOST_SCALE * loaded));
+            assert!((tuning.exaggeration.unwrap_or(loaded) * largest).is_finite());
+        }
+    }
+
     /// The one product that `emboss render` computes: the scale of the material times --exaggerate.
     #[test]
     fn exaggeration_is_that_of_the_command_line() {
@@ -269,7 +294,8 @@ mod tests {
         assert_eq!(tuning.reliefs(&loaded(true))[0].scale, -0.25 * 0.3);
     }
 
-    /// Another zero of a height map moves the surface, be it of one texel; where there is no map there is nothing to move.
+    /// Another zero of a height map moves the surface, be it of one texel; where there is no map there is nothing to
+    /// move.
     #[test]
     fn what_has_no_map_stays_flat() {
         let tuning = Tuning { zero: Some(0.0), exaggeration: Some(2.0), ..Tuning::default() };
@@ -288,7 +314,14 @@ mod tests {
         let refused = Tuning { subdivisions: n(4096), zero: Some(0.25), ..kept.clone() };
         let mut now = Tuning { zero: Some(0.5), smooth: Some(true), ..refused.clone() };
         now.take_back(&refused, &kept);
-        assert_eq!(now, Tuning { zero: Some(0.5), smooth: Some(true), ..kept });
+        assert_eq!(now, Tuning { zero: Some(0.5), smooth: Some(true), ..kept.clone() });
+        // Errors need boxes of their own, colours do not.
+        for (shade, left) in [(Shade::Error, None), (Shade::Uv, Some(Shade::Uv))] {
+            let refused = Tuning { shade: Some(shade), ..kept.clone() };
+            let mut now = refused.clone();
+            now.take_back(&refused, &kept);
+            assert_eq!(now.shade, left);
+        }
     }
 
     #[test]
@@ -318,7 +351,7 @@ mod tests {
         );
         let mut methods = vec![];
         for _ in 0..3 {
-            tuning.next_method(&settings);
+            tuning.next_method(&settings, None);
             methods.extend(tuning.method);
         }
         assert!(!methods.contains(&Method::GridWalk), "{methods:?}");
@@ -333,7 +366,7 @@ mod tests {
                 (Settings { displacement, ..Settings::default() }, Tuning::default());
             let mut methods = vec![];
             while tuning.method != Some(Method::Quadtree) {
-                tuning.next_method(&settings);
+                tuning.next_method(&settings, None);
                 methods.extend(tuning.method);
             }
             methods
@@ -341,6 +374,15 @@ mod tests {
         assert_eq!(round(DisplacementKind::Height).len(), Method::value_variants().len());
         let of_vectors = round(DisplacementKind::Tangent);
         assert_eq!(of_vectors, [Method::Tessellate, Method::BruteForce, Method::None, Method::Quadtree]);
+    }
+
+    /// What cannot be loaded is no dead end for the key: it goes on from there, once.
+    #[test]
+    fn next_method_follows_the_refused_one() {
+        let settings = Settings { method: Method::GridWalk, ..Settings::default() };
+        let mut tuning = Tuning::default();
+        tuning.next_method(&settings, Some(Method::Tessellate));
+        assert_eq!(tuning.method, Some(Method::BruteForce));
     }
 
     #[test]

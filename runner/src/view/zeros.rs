@@ -17,8 +17,8 @@ pub(super) struct Zeros {
 }
 
 impl Zeros {
-    /// Of these maps; those that displace nothing, as the one that stands for the lack of a map, do not count. A zero stays
-    /// among the texels that a map has, and of a map of integers among those that it could have.
+    /// Of these maps; those that displace nothing, as the one that stands for the lack of a map, do not count. A zero
+    /// stays among the texels that a map has, and of a map of integers among those that it could have.
     pub(super) fn of(reliefs: &[Relief]) -> Zeros {
         let displacing = || reliefs.iter().filter(|relief| relief.scale != 0.0);
         let ends = displacing().flat_map(|relief| {
@@ -37,8 +37,8 @@ impl Zeros {
         }
     }
 
-    /// `zero`, or else the loaded one, moved by some steps: each a fiftieth of the way from the lowest to the highest texel,
-    /// or less so that it is twice a power of ten, and the result is a multiple of that power.
+    /// `zero`, or else the loaded one, moved by some steps: each a fiftieth of the way from the lowest to the highest
+    /// texel, or less so that it is twice a power of ten, and the result is a multiple of that power.
     #[expect(clippy::cast_possible_truncation, reason = "rounded")]
     pub(super) fn stepped(&self, zero: Option<f32>, steps: i32) -> f32 {
         let way = f64::from(self.highest) - f64::from(self.lowest);

@@ -67,8 +67,8 @@ impl Display {
         Some(Display { server, environment, folder })
     }
 
-    /// What its screen shows: `0x00RRGGBB`, by column and row. The file is an X window dump: a header of words with their
-    /// highest byte first, a table of colours, and texels.
+    /// What its screen shows: `0x00RRGGBB`, by column and row. The file is an X window dump: a header of words with
+    /// their highest byte first, a table of colours, and texels.
     pub(crate) fn screen(&self) -> impl Fn(usize, usize) -> u32 {
         let dump = std::fs::read(self.folder.path().join("Xvfb_screen0")).expect("the screen's file");
         let word =

@@ -1,5 +1,5 @@
-//! The viewer in a window of a display of its own (Xvfb): what it shows, what it hears, and how it ends. Those tests that run
-//! on lavapipe are in `vulkan`.
+//! The viewer in a window of a display of its own (Xvfb): what it shows, what it hears, and how it ends. Those tests
+//! that run on lavapipe are in `vulkan`.
 
 mod harness;
 
@@ -30,8 +30,8 @@ fn rendered_again(folder: &Path, name: &str) -> (RgbaImage, RgbaImage) {
     (image::open(folder.join(words[output + 1])).expect("a PNG").to_rgba8(), saved)
 }
 
-/// Moves the camera, changes settings, saves; what is saved, what the command line renders and what the screen shows are
-/// one picture, to the bit: same kernels, same camera, same samples.
+/// Moves the camera, changes settings, saves; what is saved, what the command line renders and what the screen shows
+/// are one picture, to the bit: same kernels, same camera, same samples.
 fn assert_screen_is_what_render_renders(backend: &[&str]) {
     let Some(display) = Display::start() else { return };
     let script = "samples 1\nkey tab\nhold right\nhold w\nframes 3\nrelease right\nrelease w\n\
@@ -83,8 +83,8 @@ fn assert_resizes(backend: &[&str]) {
     assert!(rendered == saved);
 }
 
-/// Of 1,000 pictures of a moving camera none is kept. A single one of each frame, be it the film's or the window's, would be
-/// 1000 x 160 x 120 x 4 bytes = 77 MB; the allocator's own moods are allowed a tenth of that.
+/// Of 1,000 pictures of a moving camera none is kept. A single one of each frame, be it the film's or the window's,
+/// would be 1000 x 160 x 120 x 4 bytes = 77 MB; the allocator's own moods are allowed a tenth of that.
 fn assert_memory_is_stable(backend: &[&str]) {
     let Some(display) = Display::start() else { return };
     let script = "samples 1\nhold right\nframes 100\nsay EARLY\nframes 1000\nsay LATE\nrelease right\nquit";
@@ -113,9 +113,9 @@ fn memory_is_stable() {
     assert_memory_is_stable(&["--backend=cpu"]);
 }
 
-/// While passes take longer than all that, the window is redrawn 30 times, and answers: what it does at a time takes no more
-/// than 50 ms, but for a share of the pictures. On a machine that is busy with other tests the scheduler gives a thread its
-/// turn later than that at times.
+/// While passes take longer than all that, the window is redrawn 30 times, and answers: what it does at a time takes no
+/// more than 50 ms, but for a share of the pictures. On a machine that is busy with other tests the scheduler gives a
+/// thread its turn later than that at times.
 fn assert_answers(arguments: &[&str], most_late: f64) -> u32 {
     let Some(display) = Display::start() else { return 0 };
     let script = "hold right\nframes 30\nrelease right\nkey equal\nframes 2\nsay SEEN\nanswers PROMPT\nquit";
@@ -138,10 +138,10 @@ fn window_answers_while_a_pass_takes_long() {
     assert_eq!(assert_answers(&scene, 0.1), 0, "no pass over all pixels is done by then");
 }
 
-/// From the start of the program to a picture of the built-in scene, against a program that renders as large a picture: 1/8
-/// of the columns and rows. It does the same work, and opens no window; twice its time leaves that to the window, which
-/// begins to read the scene before it opens. It runs before and after, and the slower time counts, since other tests run
-/// beside. The viewer itself says with `--verbose` after how long there was something to see.
+/// From the start of the program to a picture of the built-in scene, against a program that renders as large a picture:
+/// 1/8 of the columns and rows. It does the same work, and opens no window; twice its time leaves that to the window,
+/// which begins to read the scene before it opens. It runs before and after, and the slower time counts, since other
+/// tests run beside. The viewer itself says with `--verbose` after how long there was something to see.
 #[test]
 fn picture_comes_soon() {
     let Some(display) = Display::start() else { return };
@@ -171,8 +171,8 @@ fn numbers(command: &str, option: &str) -> Vec<f64> {
     value.split(',').map(|number| number.parse().expect("a number")).collect()
 }
 
-/// What a user does, by the display: keys, the mouse, another size and another place of the window, all at once, and the
-/// window hidden and shown again. The picture is then that of the last camera and size.
+/// What a user does, by the display: keys, the mouse, another size and another place of the window, all at once, and
+/// the window hidden and shown again. The picture is then that of the last camera and size.
 fn assert_hears(backend: &[&str]) {
     let Some(display) = Display::start() else { return };
     let arguments = [&QUICK[..], backend, &["--size=120x90", "--samples=2"]].concat();
@@ -363,8 +363,8 @@ mod vulkan {
         assert_memory_is_stable(&LAVAPIPE);
     }
 
-    /// To present here is to wait until the renderer's submission has ended, which aims at 20 ms and not always meets it;
-    /// those that follow another scale are not cut.
+    /// To present here is to wait until the renderer's submission has ended, which aims at 20 ms and not always meets
+    /// it; those that follow another scale are not cut.
     #[test]
     fn window_answers_while_a_pass_takes_long() {
         let scene = ["builtin:cube", "-", "-", "-", "-", "64", "--size=640x480"];

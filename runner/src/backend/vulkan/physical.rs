@@ -18,7 +18,8 @@ pub(super) struct PhysicalDevice {
     /// What [`Selection::Named`] finds it by: its name, or its number where one before it is found by that name.
     pub(super) selector: String,
     pub(super) limits: Limits,
-    /// The family of the queue that everything is submitted to: it can compute, hence also copy; for a window it can present.
+    /// The family of the queue that everything is submitted to: it can compute, hence also copy; for a window it can
+    /// present.
     pub(super) queue_family: u32,
     /// Whether it was examined for a window, so that the queue presents to it and swapchains can be made.
     pub(super) presents: bool,
@@ -215,7 +216,8 @@ fn has_memory_model(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
     features12.vulkan_memory_model == vk::TRUE && features12.vulkan_memory_model_device_scope == vk::TRUE
 }
 
-/// The first queue family that computes and, where there is a window, presents to it; and how many bits its timestamps have.
+/// The first queue family that computes and, where there is a window, presents to it; and how many bits its timestamps
+/// have.
 fn compute_queue(
     instance: &Instance,
     raw: vk::PhysicalDevice,
@@ -227,7 +229,9 @@ fn compute_queue(
         .zip(families)
         .find(|&(index, family)| {
             let computes = family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0;
-            computes && window.is_none_or(|window| window.is_presented_by(raw, index))
+            // A driver that does not tell is not chosen.
+            let presents = |window: &Surface| window.is_presented_by(raw, index).unwrap_or(false);
+            computes && window.is_none_or(presents)
         })
         .map(|(index, family)| (index, family.timestamp_valid_bits))
 }

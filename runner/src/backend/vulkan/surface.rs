@@ -3,6 +3,7 @@
 use super::device::Device;
 use super::instance::Instance;
 use crate::backend::BackendError;
+use ash::prelude::VkResult;
 use ash::vk;
 use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
 use std::ffi::c_char;
@@ -64,11 +65,11 @@ impl Surface {
         self.raw
     }
 
-    /// Whether queues of a family can present to it; not where the driver does not tell.
-    pub(super) fn is_presented_by(&self, physical: vk::PhysicalDevice, family: u32) -> bool {
+    /// Whether queues of a family can present to it.
+    pub(super) fn is_presented_by(&self, physical: vk::PhysicalDevice, family: u32) -> VkResult<bool> {
         let functions = &self.functions;
         // SAFETY: the device and the surface are of one instance, and the device has the family.
-        unsafe { functions.get_physical_device_surface_support(physical, family, self.raw) }.unwrap_or(false)
+        unsafe { functions.get_physical_device_surface_support(physical, family, self.raw) }
     }
 
     /// Its present size, and what swapchains for it may have.

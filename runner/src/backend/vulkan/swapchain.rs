@@ -10,8 +10,8 @@ use crate::backend::BackendError;
 use ash::vk;
 use std::sync::Arc;
 
-/// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none is
-/// shown at the next chance.
+/// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none
+/// is shown at the next chance.
 const PATIENCE_NS: u64 = 5_000_000;
 /// How often the surface may be lost before a picture is shown.
 const MOST_LOSSES: u32 = 10;
@@ -71,8 +71,8 @@ impl Drop for Chain {
 }
 
 impl Swapchain {
-    /// Opens the selected device, of those that can present to `window`, and prepares to show pictures there. The device is
-    /// returned for a [backend](super::VulkanBackend::on).
+    /// Opens the selected device, of those that can present to `window`, and prepares to show pictures there. The
+    /// device is returned for a [backend](super::VulkanBackend::on).
     ///
     /// # Errors
     /// [`BackendError::NoDevice`] where nothing matches `selection`, [`BackendError::NoValidation`] where the layers
@@ -123,9 +123,6 @@ impl Swapchain {
     /// [`BackendError::DeviceLost`], or another error of the driver.
     pub fn size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         loop {
-            if self.is_surface_lost {
-                self.renew_surface()?;
-            }
             match self.try_size(usual) {
                 Err(error) if self.is_lost_by(&error) => {}
                 size => return size,
@@ -134,6 +131,9 @@ impl Swapchain {
     }
 
     fn try_size(&mut self, usual: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        if self.is_surface_lost {
+            self.renew_surface()?;
+        }
         let capabilities = self.surface.capabilities(&self.device)?;
         let extent = extent(&capabilities, usual);
         if extent.width == 0 || extent.height == 0 {
@@ -146,7 +146,8 @@ impl Swapchain {
         Ok(Some((extent.width, extent.height)))
     }
 
-    /// Shows a picture of the [size](Self::size) that the window takes: texels `0x00RRGGBB` in sRGB, row by row from the top.
+    /// Shows a picture of the [size](Self::size) that the window takes: texels `0x00RRGGBB` in sRGB, row by row from
+    /// the top.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
@@ -201,7 +202,12 @@ impl Swapchain {
         self.wait_for_copy()?;
         self.chain = None;
         self.surface.renew()?;
-        if !self.surface.is_presented_by(self.device.physical().raw, self.device.queue_family()) {
+        let (physical, family) = (self.device.physical().raw, self.device.queue_family());
+        // Also the new one may be lost already, which is no reason to end.
+        let is_presented = self.surface.is_presented_by(physical, family).map_err(|source| {
+            self.device.error("asking whether the device presents to the window", source)
+        })?;
+        if !is_presented {
             return Err(unfit("the device does not present to the window any more"));
         }
         self.is_surface_lost = false;

@@ -282,7 +282,8 @@ fn what_cannot_be_loaded_is_taken_back() {
     );
 }
 
-/// Another size and another zero at once, with which the files cannot be read: the picture has the new size all the same.
+/// Another size and another zero at once, with which the files cannot be read: the picture has the new size all the
+/// same.
 #[test]
 fn size_is_taken_though_files_cannot_be_read() {
     let mut thread = Thread::with(Fault::Nowhere);
