@@ -322,7 +322,8 @@ mod tests {
         let of_vectors = RenderError::MethodOfVectors { method: Method::GridWalk };
         let refused = skipped(configuration, of_vectors.into()).expect("skipped");
         assert!(refused.reason.contains("grid-walk"));
-        let most = BackendError::TooManyMicroTriangles { triangles: 2, subdivisions: 4096, count: 1, most: 1 };
+        let most =
+            BackendError::TooManyMicroTriangles { triangles: 2, subdivisions: 4096, count: 1, most: 1 };
         assert!(skipped(configuration, most.into()).is_ok());
         assert!(skipped(configuration, BackendError::TooManyDistanceMaps { count: 1 }.into()).is_ok());
         let lost = BackendError::DeviceLost { device: String::new(), what: "" };
