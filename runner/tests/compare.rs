@@ -148,6 +148,19 @@ fn what_cannot_be_is_listed_with_its_reason() {
     assert!(stdout(&run).contains("left out") && place.read("out/report.html").contains("Left out"));
 }
 
+/// The knot at N = 256 has more micro-triangles than a BVH holds: the others are compared all the same.
+#[test]
+fn what_has_too_many_micro_triangles_is_left_out() {
+    let place = Place::new();
+    let quick = ["compare", "builtin:knot", "--size=8x6", "--samples=1", "--backend=cpu", "--time=0"];
+    let more = ["--methods=tessellate,none", "--n=256", "--reference=2", "--output=out"];
+    let run = place.run(&[&quick[..], &more].concat());
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let skipped = &place.json("out/results.json")["skipped"][0];
+    assert_eq!(skipped["method"], "tessellate");
+    assert!(skipped["reason"].as_str().is_some_and(|reason| reason.contains("micro-triangles")), "{skipped}");
+}
+
 /// A folder whose results lack the last measurement is what a comparison leaves that was broken off there.
 #[test]
 fn the_same_command_goes_on_and_another_is_refused() {

@@ -15,6 +15,10 @@ const COMMON: [&str; 4] = ["--size", "320x240", "--samples", "4"];
 pub(crate) fn write(seconds: u32) -> Result<()> {
     let folder = |scene: &str| workspace().join("target/methods").join(scene);
     for scene in SCENES {
+        // `emboss compare` would go on from the results of an older program there.
+        if folder(scene).exists() {
+            std::fs::remove_dir_all(folder(scene)).with_context(|| folder(scene).display().to_string())?;
+        }
         say(&format!("{scene}: emboss compare builtin:{scene} {}", COMMON.join(" ")));
         let mut compare = emboss();
         compare.args(["compare", &format!("builtin:{scene}")]).args(COMMON);

@@ -140,18 +140,19 @@ fn rounds(
     Ok(())
 }
 
-/// Why a configuration is left out: what it cannot take, or what there is no memory for. Anything else ends the comparison.
+/// Why a configuration is left out: what its method cannot take, or has no room for. The reference was prepared from the
+/// same scene, so that only what befalls the device itself ends the comparison.
 fn skipped(configuration: Configuration, error: CompareError) -> Result<Skipped, CompareError> {
     match &error {
         CompareError::Render(RenderError::Backend(
-            BackendError::TooLarge { .. } | BackendError::Allocation { .. } | BackendError::Unsound { .. },
-        )) => {}
-        CompareError::Render(RenderError::Backend(_)) => return Err(error),
-        // The reference was prepared from the same scene, so that it is the method that is refused.
-        CompareError::Render(_) => {}
-        _ => return Err(error),
+            BackendError::DeviceLost { .. }
+            | BackendError::NoDevice { .. }
+            | BackendError::NoValidation
+            | BackendError::Vulkan { .. },
+        )) => Err(error),
+        CompareError::Render(_) => Ok(Skipped { configuration, reason: error.to_string() }),
+        _ => Err(error),
     }
-    Ok(Skipped { configuration, reason: error.to_string() })
 }
 
 /// A round's times in milliseconds.
@@ -321,6 +322,10 @@ mod tests {
         let of_vectors = RenderError::MethodOfVectors { method: Method::GridWalk };
         let refused = skipped(configuration, of_vectors.into()).expect("skipped");
         assert!(refused.reason.contains("grid-walk"));
+        let most =
+            BackendError::TooManyMicroTriangles { triangles: 2, subdivisions: 4096, count: 1, most: 1 };
+        assert!(skipped(configuration, most.into()).is_ok());
+        assert!(skipped(configuration, BackendError::TooManyDistanceMaps { count: 1 }.into()).is_ok());
         let lost = BackendError::DeviceLost { device: String::new(), what: "" };
         assert!(skipped(configuration, lost.into()).is_err());
         assert!(skipped(configuration, CompareError::Interrupted).is_err());
