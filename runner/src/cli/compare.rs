@@ -63,7 +63,7 @@ impl CompareArgs {
             command: self.command_line(),
             backend: device.backend.to_owned(),
             device: device.name.clone(),
-            files: inputs.files.iter().map(|path| FileStamp::of(path)).collect(),
+            files: inputs.files.iter().chain(&args.normal_map).map(|path| FileStamp::of(path)).collect(),
         };
         let ns = self.ns(inputs.subdivisions);
         let methods = if self.methods.is_empty() { usual_methods() } else { self.methods.clone() };
@@ -87,12 +87,16 @@ impl CompareArgs {
             ));
         }
         let bar = progress::bar(args.quiet);
-        run(&plan, backend.as_mut(), &mut store, &mut |share| {
+        let measured = run(&plan, backend.as_mut(), &mut store, &mut |share| {
             bar.set_position(progress::position(share));
             if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })?;
+        });
         bar.finish_and_clear();
-        report::write(&store).map_err(CompareError::from)?;
+        // What is measured can be looked at before the rest is.
+        if matches!(measured, Ok(()) | Err(CompareError::Interrupted)) {
+            report::write(&store).map_err(CompareError::from)?;
+        }
+        measured?;
         if !args.quiet {
             say_results(&store);
         }
@@ -199,6 +203,9 @@ impl RenderArgs {
             say(format_args!("Chose {}: the quickest with FLIP {budget} at most", chosen.configuration));
         }
         self.method = Some(chosen.configuration.method);
+        if chosen.configuration.method != Method::NormalMap {
+            (self.normal_map, self.normal_space) = (None, None);
+        }
         if let Some(n) = chosen.configuration.n {
             self.subdivisions = Some(OrDefault::Given(n));
         }
