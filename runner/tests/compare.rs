@@ -229,7 +229,8 @@ fn ctrl_c_keeps_what_is_measured() {
 #[test]
 fn wrong_usage_is_told() {
     let place = Place::new();
-    let cases: [(&[&str], i32, &str); 6] = [
+    let cases: [(&[&str], i32, &str); 7] = [
+        (&["compare", "--shade", "error"], 2, "--shade error is not for"),
         (&["compare", "--methods", "quadtre"], 2, "quadtre"),
         (&["compare", "--n", "0"], 2, "from 1 to 4096"),
         (&["compare", "--method", "none"], 2, "--methods"),

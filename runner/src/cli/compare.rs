@@ -9,7 +9,7 @@ use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
 use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
 use crate::render::Scene;
-use crate::settings::{Method, Settings, Subdivisions};
+use crate::settings::{Method, Settings, Shade, Subdivisions};
 use clap::ValueEnum;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -106,6 +106,9 @@ impl CompareArgs {
     /// Refuses options of `emboss render` that say nothing here.
     fn check(&self) -> Result<(), CliError> {
         let render = &self.render;
+        if render.shade == Some(Shade::Error) {
+            return Err(CliError::NotOfCompare("--shade error"));
+        }
         let given = [
             ("--method", render.method.is_some()),
             ("--quality", render.quality.is_some()),
@@ -127,7 +130,8 @@ impl CompareArgs {
         }
     }
 
-    /// `emboss compare` with these arguments, without the folder and the time, which change no result.
+    /// `emboss compare` with these arguments, without the folder and the time: with more time there are more
+    /// rounds, and a reference whose N was cut by time is sought anew unless something was measured against it.
     fn command_line(&self) -> String {
         let mut words = vec![self.render.command_line_of("compare", None)];
         let mut list = |name: &str, values: Vec<String>| {
@@ -193,6 +197,9 @@ impl RenderArgs {
             let stop = interrupt.is_some_and(Interrupt::requested);
             if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
+        if !self.quiet {
+            say("Measuring methods on a small picture...");
+        }
         let measured = candidates(backend, scene, settings, &mut watch).map_err(|error| match error {
             CompareError::Interrupted => CliError::InterruptedEarly,
             error => error.into(),
