@@ -465,6 +465,7 @@ impl RenderArgs {
         if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, Some(&interrupt))? {
             (settings, inputs, _) = self.read()?;
         }
+        self.check_normal_map(&settings)?;
         self.report(&inputs);
         let scene = inputs.scene;
         let used = SettingsUsed::new(&settings, samples, &scene);
@@ -532,13 +533,18 @@ impl RenderArgs {
         let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
         check_memory(&settings)?;
         if let Some(path) = &self.normal_map {
-            if settings.method != Method::NormalMap {
-                return Err(CliError::NormalMapOfNothing(settings.method));
-            }
             settings.normal_map = Some(NormalMap::load(path, self.normal_space.unwrap_or_default())?);
         }
         let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
         Ok((settings, inputs, samples))
+    }
+
+    /// Refuses a normal map that nothing reads.
+    fn check_normal_map(&self, settings: &Settings) -> Result<(), CliError> {
+        if self.normal_map.is_some() && settings.method != Method::NormalMap {
+            return Err(CliError::NormalMapOfNothing(settings.method));
+        }
+        Ok(())
     }
 
     fn scene_file(&self, model: &ModelArgument) -> Result<Option<SceneFile>, CliError> {

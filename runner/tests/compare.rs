@@ -161,6 +161,19 @@ fn what_has_too_many_micro_triangles_is_left_out() {
     assert!(skipped["reason"].as_str().is_some_and(|reason| reason.contains("micro-triangles")), "{skipped}");
 }
 
+/// One method reads the map, the others do without.
+#[test]
+fn a_normal_map_is_compared() {
+    let place = Place::new();
+    let map = image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]));
+    map.save(place.path("n.png")).expect("writable");
+    let run = place.compare(&["--methods=normal-map,none", "--normal-map=n.png", "--output=out"]);
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let results = place.json("out/results.json");
+    measured(&results, "normal-map", None);
+    assert_eq!(results["identity"]["files"][0]["path"], "n.png");
+}
+
 /// A folder whose results lack the last measurement is what a comparison leaves that was broken off there.
 #[test]
 fn the_same_command_goes_on_and_another_is_refused() {
@@ -210,12 +223,14 @@ fn ctrl_c_keeps_what_is_measured() {
         (&results["complete"], results["configurations"].as_array().map(Vec::len)),
         (&false.into(), Some(1))
     );
+    assert!(place.read("out/report.html").contains("not complete as yet"));
 }
 
 #[test]
 fn wrong_usage_is_told() {
     let place = Place::new();
-    let cases: [(&[&str], i32, &str); 6] = [
+    let cases: [(&[&str], i32, &str); 7] = [
+        (&["compare", "--shade", "error"], 2, "--shade error is not for"),
         (&["compare", "--methods", "quadtre"], 2, "quadtre"),
         (&["compare", "--n", "0"], 2, "from 1 to 4096"),
         (&["compare", "--method", "none"], 2, "--methods"),

@@ -9,7 +9,7 @@ use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
 use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
 use crate::render::Scene;
-use crate::settings::{Method, Settings, Subdivisions};
+use crate::settings::{Method, Settings, Shade, Subdivisions};
 use clap::ValueEnum;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ impl CompareArgs {
             command: self.command_line(),
             backend: device.backend.to_owned(),
             device: device.name.clone(),
-            files: inputs.files.iter().map(|path| FileStamp::of(path)).collect(),
+            files: inputs.files.iter().chain(&args.normal_map).map(|path| FileStamp::of(path)).collect(),
         };
         let ns = self.ns(inputs.subdivisions);
         let methods = if self.methods.is_empty() { usual_methods() } else { self.methods.clone() };
@@ -87,12 +87,16 @@ impl CompareArgs {
             ));
         }
         let bar = progress::bar(args.quiet);
-        run(&plan, backend.as_mut(), &mut store, &mut |share| {
+        let measured = run(&plan, backend.as_mut(), &mut store, &mut |share| {
             bar.set_position(progress::position(share));
             if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })?;
+        });
         bar.finish_and_clear();
-        report::write(&store).map_err(CompareError::from)?;
+        // What is measured can be looked at before the rest is.
+        if matches!(measured, Ok(()) | Err(CompareError::Interrupted)) {
+            report::write(&store).map_err(CompareError::from)?;
+        }
+        measured?;
         if !args.quiet {
             say_results(&store);
         }
@@ -102,6 +106,9 @@ impl CompareArgs {
     /// Refuses options of `emboss render` that say nothing here.
     fn check(&self) -> Result<(), CliError> {
         let render = &self.render;
+        if render.shade == Some(Shade::Error) {
+            return Err(CliError::NotOfCompare("--shade error"));
+        }
         let given = [
             ("--method", render.method.is_some()),
             ("--quality", render.quality.is_some()),
@@ -123,7 +130,8 @@ impl CompareArgs {
         }
     }
 
-    /// `emboss compare` with these arguments, without the folder and the time, which change no result.
+    /// `emboss compare` with these arguments, without the folder and the time: with more time there are more
+    /// rounds, and a reference whose N was cut by time is sought anew unless something was measured against it.
     fn command_line(&self) -> String {
         let mut words = vec![self.render.command_line_of("compare", None)];
         let mut list = |name: &str, values: Vec<String>| {
@@ -189,6 +197,9 @@ impl RenderArgs {
             let stop = interrupt.is_some_and(Interrupt::requested);
             if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
+        if !self.quiet {
+            say("Measuring methods on a small picture...");
+        }
         let measured = candidates(backend, scene, settings, &mut watch).map_err(|error| match error {
             CompareError::Interrupted => CliError::InterruptedEarly,
             error => error.into(),
@@ -199,6 +210,9 @@ impl RenderArgs {
             say(format_args!("Chose {}: the quickest with FLIP {budget} at most", chosen.configuration));
         }
         self.method = Some(chosen.configuration.method);
+        if chosen.configuration.method != Method::NormalMap {
+            (self.normal_map, self.normal_space) = (None, None);
+        }
         if let Some(n) = chosen.configuration.n {
             self.subdivisions = Some(OrDefault::Given(n));
         }

@@ -9,22 +9,11 @@ pub struct About {
     pub idea: &'static str,
     /// Who published it.
     pub paper: &'static str,
-    /// What N means.
-    pub parameter: &'static str,
     /// What a ray costs, and what has to be in memory.
     pub cost: &'static str,
     /// When to choose it.
     pub choose: &'static str,
 }
-
-/// What is to be said of the method of this name.
-pub fn about(name: &str) -> Option<&'static About> {
-    ABOUT.iter().find(|about| about.name == name)
-}
-
-const LAYERS: &str = "layers of heights between which the ray is searched";
-const PARTS: &str = "parts of each triangle's side";
-const NO_N: &str = "none";
 
 /// All methods, from the least that is done to the most.
 pub const ABOUT: [About; 16] = [
@@ -32,7 +21,6 @@ pub const ABOUT: [About; 16] = [
         name: "none",
         idea: "The base triangles as they are.",
         paper: "none",
-        parameter: NO_N,
         cost: "a ray through the BVH over the base triangles",
         choose: "from so far away that the relief is below a pixel",
     },
@@ -40,7 +28,6 @@ pub const ABOUT: [About; 16] = [
         name: "bump",
         idea: "The base triangles, lit by the normals of the relief, which are worked out from the height map.",
         paper: "Blinn: *Simulation of Wrinkled Surfaces*, SIGGRAPH 1978",
-        parameter: NO_N,
         cost: "as `none`, and a few texels for each hit",
         choose: "for relief that is only a little rough, seen from the front",
     },
@@ -48,7 +35,6 @@ pub const ABOUT: [About; 16] = [
         name: "bump-offset",
         idea: "The same, from a map of offsets instead of heights.",
         paper: "Blinn 1978",
-        parameter: NO_N,
         cost: "as `bump`; a second map in memory",
         choose: "where an offset map is what there is",
     },
@@ -56,7 +42,6 @@ pub const ABOUT: [About; 16] = [
         name: "normal-map",
         idea: "The base triangles, lit by normals that a map holds.",
         paper: "Cohen, Olano, Manocha: *Appearance-Preserving Simplification*, SIGGRAPH 1998",
-        parameter: NO_N,
         cost: "as `none`, and a few texels for each hit; a map of normals in memory",
         choose: "where a normal map is what there is",
     },
@@ -64,7 +49,6 @@ pub const ABOUT: [About; 16] = [
         name: "parallax",
         idea: "Texture coordinates are moved along the view by the height that is read at the base.",
         paper: "Kaneko and others: *Detailed Shape Representation with Parallax Mapping*, ICAT 2001",
-        parameter: NO_N,
         cost: "as `bump`, and one more texel",
         choose: "for low and smooth relief, seen from the front",
     },
@@ -72,7 +56,6 @@ pub const ABOUT: [About; 16] = [
         name: "parallax-limited",
         idea: "The same, moved no farther than the height, so that grazing views do not swim.",
         paper: "Welsh: *Parallax Mapping with Offset Limiting*, 2004",
-        parameter: NO_N,
         cost: "as `parallax`",
         choose: "in place of `parallax` where views graze",
     },
@@ -80,7 +63,6 @@ pub const ABOUT: [About; 16] = [
         name: "steep",
         idea: "The ray is followed through layers of the height field until it is below the relief.",
         paper: "McGuire, McGuire: *Steep Parallax Mapping*, I3D 2005",
-        parameter: LAYERS,
         cost: "up to N texels for each hit of the base",
         choose: "seldom: `occlusion` costs as much and shows fewer steps",
     },
@@ -88,7 +70,6 @@ pub const ABOUT: [About; 16] = [
         name: "relief",
         idea: "As `steep`, and then a binary search in the layer that was found.",
         paper: "Policarpo, Oliveira, Comba: *Real-Time Relief Mapping on Arbitrary Polygonal Surfaces*, I3D 2005",
-        parameter: LAYERS,
         cost: "up to N texels and a few more for each hit of the base",
         choose: "for deep relief of broad features within outlines that may stay flat",
     },
@@ -96,7 +77,6 @@ pub const ABOUT: [About; 16] = [
         name: "occlusion",
         idea: "As `steep`, and then the point where straight lines between the last two layers meet; soft shadows.",
         paper: "Tatarchuk: *Dynamic Parallax Occlusion Mapping with Approximate Soft Shadows*, I3D 2006",
-        parameter: LAYERS,
         cost: "up to N texels for each hit of the base",
         choose: "as `relief`, with fewer texels",
     },
@@ -104,7 +84,6 @@ pub const ABOUT: [About; 16] = [
         name: "pyramid",
         idea: "The ray goes down a pyramid of greatest heights and skips what it cannot meet.",
         paper: "Oh, Ki, Lee: *Pyramidal Displacement Mapping*, VRST 2006",
-        parameter: "steps at most",
         cost: "some texels for each level of the pyramid",
         choose: "for thin features that layers would miss",
     },
@@ -112,7 +91,6 @@ pub const ABOUT: [About; 16] = [
         name: "sphere",
         idea: "The ray steps by the distance to the relief, which a map in three dimensions holds.",
         paper: "Donnelly: *Per-Pixel Displacement Mapping with Distance Functions*, GPU Gems 2, 2005",
-        parameter: "steps at most",
         cost: "a few steps for each hit of the base; a map in three dimensions in memory, long to prepare",
         choose: "for relief that does not change and is seen often",
     },
@@ -120,7 +98,6 @@ pub const ABOUT: [About; 16] = [
         name: "inverse",
         idea: "The ray is followed in texture space, where it is a curve, through the prism over each triangle.",
         paper: "Patterson, Hoggar, Logie: *Inverse Displacement Mapping*, Computer Graphics Forum 10(2), 1991",
-        parameter: "steps through a prism",
         cost: "up to N texels for each prism",
         choose: "for outlines without micro-triangles",
     },
@@ -128,7 +105,6 @@ pub const ABOUT: [About; 16] = [
         name: "tessellate",
         idea: "The micro-triangles are stored, in a BVH of their own.",
         paper: "Cook: *Shade Trees*, SIGGRAPH 1984, as ray tracers do it",
-        parameter: PARTS,
         cost: "a ray through the BVH over N² times as many triangles; memory and time to prepare grow likewise",
         choose: "where memory does not matter and nothing is edited",
     },
@@ -136,7 +112,6 @@ pub const ABOUT: [About; 16] = [
         name: "grid-walk",
         idea: "The ray walks from micro-triangle to micro-triangle of each prism that it enters.",
         paper: "Smits, Shirley, Stark: *Direct Ray Tracing of Displacement Mapped Triangles*, Rendering Techniques 2000",
-        parameter: PARTS,
         cost: "up to 6 N micro-triangles for each prism; nothing stored",
         choose: "for speed where a few wrong pixels do not matter",
     },
@@ -144,7 +119,6 @@ pub const ABOUT: [About; 16] = [
         name: "quadtree",
         idea: "Each prism's triangle is quartered again and again, nearest parts first, where bounds on its heights let the ray in.",
         paper: "this program's; bounds as in Smits and others 2000, and a min/max pyramid of the map",
-        parameter: PARTS,
         cost: "some log N bounds for each prism; the pyramid, a third of the map, in memory",
         choose: "whenever the picture has to be right: it is exact",
     },
@@ -152,7 +126,6 @@ pub const ABOUT: [About; 16] = [
         name: "brute-force",
         idea: "Every micro-triangle of each prism that the ray enters is tested.",
         paper: "none",
-        parameter: PARTS,
         cost: "N² micro-triangles for each prism",
         choose: "to check the others",
     },
@@ -164,13 +137,11 @@ mod tests {
     use crate::settings::Method;
     use clap::ValueEnum;
 
-    /// What the table says of N is what the program does with it.
     #[test]
     fn every_method_is_described() {
         for method in Method::value_variants() {
             let value = method.to_possible_value().expect("named");
-            let about = about(value.get_name()).unwrap_or_else(|| panic!("{} is not", value.get_name()));
-            assert_eq!(about.parameter == NO_N, method.parameter().is_none(), "{}", about.name);
+            assert!(ABOUT.iter().any(|about| about.name == value.get_name()), "{}", value.get_name());
         }
     }
 }

@@ -12,8 +12,9 @@ use std::fmt::Write;
 pub fn page(results: &[Results]) -> String {
     let mut text = HEAD.to_owned();
     text += "## The methods\n\n| Method | Idea | Paper | N | Cost | Choose it |\n|---|---|---|---|---|---|\n";
-    for about in ABOUT.iter().filter(|about| Method::from_str(about.name, false).is_ok()) {
-        let About { name, idea, paper, parameter, cost, choose } = about;
+    for About { name, idea, paper, cost, choose } in &ABOUT {
+        let method = Method::from_str(name, false).ok();
+        let parameter = method.and_then(Method::parameter).unwrap_or("none");
         line(&mut text, format_args!("| `{name}` | {idea} | {paper} | {parameter} | {cost} | {choose} |"));
     }
     text += "\n## What they get wrong, and what they take\n\n";
@@ -89,6 +90,18 @@ mod tests {
     use crate::compare::results::{Identity, ViewErrors};
     use crate::compare::subject::{Configuration, Memory};
     use crate::settings::Subdivisions;
+
+    /// The page in the repository was written when there was each of the methods.
+    #[test]
+    fn the_written_page_has_all_methods() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/METHODS.md");
+        let page = std::fs::read_to_string(file).expect("it is in the repository");
+        for method in Method::value_variants() {
+            let value = method.to_possible_value().expect("named");
+            let row = format!("| `{}` |", value.get_name());
+            assert!(page.contains(&row), "{row} is not in docs/METHODS.md: run `cargo xtask methods`");
+        }
+    }
 
     /// Half of ten pixels are on the wrong side; the other configuration is exact and takes twice as long.
     #[test]

@@ -25,6 +25,7 @@ use clap::ValueEnum;
 use emboss_kernels::interface::Camera;
 use glam::Vec3;
 use metrics::{Capture, errors};
+use reference::{Reason, Summary};
 use results::{Measurement, ResultsError, Skipped, Store, ViewErrors};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -203,7 +204,10 @@ impl Setting {
         let least = compared.max().unwrap_or(NS[NS.len() - 1]);
         let request = reference::Request { given: plan.reference, least, time: plan.time / 4 };
         let stage = reference::stage(backend, scene, settings, request)?;
-        let summary = match store.results.reference {
+        // More time may find a better one, but what was measured was measured against this one.
+        let is_kept =
+            |known: &Summary| known.reason != Reason::Time || !store.results.configurations.is_empty();
+        let summary = match store.results.reference.filter(is_kept) {
             Some(known) => known,
             None => reference::find(backend, scene, settings, &stage, request, watch)?,
         };

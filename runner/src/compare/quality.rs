@@ -49,7 +49,9 @@ pub fn candidates(
     let summary = reference::find(backend, scene, &settings, &stage, request, watch)?;
     let exact = reference::configuration(summary.n);
     let mut configurations = Configuration::all(&usual_methods(), &NS.map(Subdivisions::Fixed));
-    configurations.push(exact);
+    if !configurations.contains(&exact) {
+        configurations.push(exact);
+    }
     let mut measure = |configuration: Configuration, right: Option<&[glam::Vec3]>| {
         let mut subject = Subject::load(backend, scene, &settings, configuration, Some(&stage))?;
         let colors = subject.picture(stage.camera, SAMPLES, watch)?;

@@ -38,7 +38,7 @@ pub struct Summary {
     /// Its N.
     #[serde(rename = "N")]
     pub n: u32,
-    /// By how much the surface changed when N came to this from half of it; `None` where N is 1.
+    /// By how much the surface changed when N came to this from half of it; `None` where N was not doubled, or is 1.
     pub residual: Option<Residual>,
     /// Why it is no greater.
     pub reason: Reason,

@@ -189,11 +189,10 @@ fn gallery(store: &Store, view: &str) -> String {
 /// Pictures with a caption; one that is gone is left out.
 fn figure(store: &Store, names: &[String], caption: &str) -> String {
     let image = |name: &String| {
-        let bytes = std::fs::read(store.picture(name)).unwrap_or_default();
-        let data = STANDARD.encode(bytes);
-        format!("<img alt=\"{}\" src=\"data:image/png;base64,{data}\"/>", escaped(name))
+        let data = STANDARD.encode(std::fs::read(store.picture(name)).ok()?);
+        Some(format!("<img alt=\"{}\" src=\"data:image/png;base64,{data}\"/>", escaped(name)))
     };
-    let images: String = names.iter().map(image).collect();
+    let images: String = names.iter().filter_map(image).collect();
     format!("<figure>{images}<figcaption>{}</figcaption></figure>\n", escaped(caption))
 }
 

@@ -81,7 +81,8 @@ pub struct Subject<'a> {
     backend: &'a mut dyn Backend,
     job: Job,
     reliefs: Vec<Relief>,
-    method: Method,
+    /// Whether heights are read at all.
+    displaces: bool,
     /// From the scene to what rays can be traced in: maps, heights, the BVH, pipelines.
     pub preparation: Duration,
     /// Where the camera is.
@@ -130,8 +131,8 @@ impl<'a> Subject<'a> {
         };
         job.frame.light_count = u32::try_from(stage.lights.len()).unwrap_or(u32::MAX);
         job.buffers.lights.clone_from(&stage.lights);
-        let method = configuration.method;
-        let mut subject = Subject { backend, job, reliefs, method, preparation, stage };
+        let displaces = settings.displaces();
+        let mut subject = Subject { backend, job, reliefs, displaces, preparation, stage };
         subject.look(subject.stage.camera)?;
         Ok(subject)
     }
@@ -236,7 +237,7 @@ impl<'a> Subject<'a> {
         const FACTOR: f32 = 1.1;
         for (displacement, relief) in self.job.buffers.displacements.iter_mut().zip(&self.reliefs) {
             let relief = Relief { scale: FACTOR * relief.scale, ..relief.clone() };
-            set_heights(displacement, &relief, self.method != Method::None);
+            set_heights(displacement, &relief, self.displaces);
         }
         let start = Instant::now();
         self.backend.set_displacements(&self.job.buffers.displacements)?;
@@ -251,7 +252,8 @@ impl<'a> Subject<'a> {
         Memory { bvh: bytes.bvh(), maps: bytes.height_maps(), all: bytes.without_pictures() }
     }
 
-    /// The mean length of the base mesh's edges, in its places in the world.
+    /// The mean length of the base mesh's edges, in its places in the world; above 0 even where all are points, since
+    /// errors are divided by it.
     pub fn edge_length(&self) -> f64 {
         let buffers = &self.job.buffers;
         let lengths = buffers.triangles.iter().flat_map(|triangle| {
@@ -264,7 +266,8 @@ impl<'a> Subject<'a> {
             DMat3::from_cols(columns[0], columns[1], columns[2]).determinant().abs().cbrt()
         });
         let scale = super::metrics::mean(&scales.collect::<Vec<_>>());
-        if buffers.instances.is_empty() { mean } else { mean * scale }
+        let edge = if buffers.instances.is_empty() { mean } else { mean * scale };
+        edge.max(f64::MIN_POSITIVE)
     }
 }
 
