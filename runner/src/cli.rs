@@ -451,6 +451,9 @@ impl RenderArgs {
     /// Renders: first everything that can be refused quickly, then the work.
     fn run(mut self) -> Result<(), CliError> {
         self.check_quality()?;
+        if let Some(method) = self.method {
+            self.check_normal_map(method)?;
+        }
         let destination = self.destination()?;
         destination.check()?;
         if let Some(path) = &self.stats {
@@ -465,7 +468,7 @@ impl RenderArgs {
         if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, Some(&interrupt))? {
             (settings, inputs, _) = self.read()?;
         }
-        self.check_normal_map(&settings)?;
+        self.check_normal_map(settings.method)?;
         self.report(&inputs);
         let scene = inputs.scene;
         let used = SettingsUsed::new(&settings, samples, &scene);
@@ -540,9 +543,9 @@ impl RenderArgs {
     }
 
     /// Refuses a normal map that nothing reads.
-    fn check_normal_map(&self, settings: &Settings) -> Result<(), CliError> {
-        if self.normal_map.is_some() && settings.method != Method::NormalMap {
-            return Err(CliError::NormalMapOfNothing(settings.method));
+    fn check_normal_map(&self, method: Method) -> Result<(), CliError> {
+        if self.normal_map.is_some() && method != Method::NormalMap {
+            return Err(CliError::NormalMapOfNothing(method));
         }
         Ok(())
     }

@@ -70,7 +70,7 @@ impl Source for Files {
             let file = error.file().map(Path::to_owned);
             Unread { error: error.into(), file }
         })?;
-        args.check_normal_map(&settings).map_err(|error| Unread { error: error.into(), file: None })?;
+        args.check_normal_map(settings.method).map_err(|error| Unread { error: error.into(), file: None })?;
         let mut files = inputs.files;
         files.extend(self.args.normal_map.clone());
         Ok(Loaded {

@@ -170,7 +170,7 @@ impl Tuning {
         }
     }
 
-    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by [`MOST_SCALE`] times that
+    /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by `MOST_SCALE` times that
     /// at most.
     pub fn step_scale(&mut self, steps: i32, loaded: f32) {
         let most = (MOST_SCALE * loaded).abs();
