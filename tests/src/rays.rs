@@ -28,6 +28,20 @@ impl<'a> RaySource<'a> {
         RaySource { job, numbers: Numbers::new(seed), centre, radius }
     }
 
+    /// So many rays of each kind: from outside, from inside the relief, grazing, along normals, towards edges.
+    pub fn of_each_kind(&mut self, count: usize) -> Vec<Ray> {
+        let five = |_| {
+            [
+                self.from_outside(),
+                self.from_inside(),
+                self.grazing(),
+                self.along_normal(),
+                self.towards_edge(3.0),
+            ]
+        };
+        (0..count).flat_map(five).collect()
+    }
+
     /// From outside, two to ten radii away, towards the model; the direction has a length between 1/4 and 4.
     pub fn from_outside(&mut self) -> Ray {
         let distance = self.radius * self.numbers.between(2.0, 10.0);

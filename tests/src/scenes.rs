@@ -7,12 +7,26 @@ use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
-use emboss::settings::{DisplacementKind, Light, Settings, Wrap};
+use emboss::settings::{DisplacementKind, Light, Method, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight, Vertex, height_format};
 use emboss_kernels::scene::{Features, SceneView};
 use glam::{Quat, Vec3};
 use std::ops::Deref;
+
+/// The methods in image space.
+pub const IMAGE_SPACE: [Method; 10] = [
+    Method::Bump,
+    Method::BumpOffset,
+    Method::NormalMap,
+    Method::Parallax,
+    Method::ParallaxLimited,
+    Method::Steep,
+    Method::Relief,
+    Method::Occlusion,
+    Method::Pyramid,
+    Method::Sphere,
+];
 
 /// A scene whose only relief is displaced by `scale`.
 pub fn scaled(mut scene: Scene, scale: f32) -> Scene {

@@ -32,21 +32,6 @@ fn subdivided(name: &str, subdivisions: u32) -> ReadyJob {
     scenes::ready(Scene { subdivisions, ..scenes::builtin(name) }, Wrap::Repeat)
 }
 
-/// So many rays of each kind: from outside, from inside the relief, grazing, along normals, towards edges.
-fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
-    let mut source = RaySource::new(job, seed);
-    let five = |_| {
-        [
-            source.from_outside(),
-            source.from_inside(),
-            source.grazing(),
-            source.along_normal(),
-            source.towards_edge(3.0),
-        ]
-    };
-    (0..of_each).flat_map(five).collect()
-}
-
 /// Panics with the first of the differences between two lists of answers to the same rays. Every field counts,
 /// bit for bit.
 fn assert_identical(job: &ReadyJob, rays: &[Ray], left: &[Intersection], right: &[Intersection]) {
@@ -64,7 +49,7 @@ fn assert_identical(job: &ReadyJob, rays: &[Ray], left: &[Intersection], right: 
 
 /// Quadtree and brute force on rays of all kinds, and on those that leave what they hit.
 fn compare_methods(job: &ReadyJob, seed: u64, of_each: usize) {
-    let first = rays(job, seed, of_each);
+    let first = RaySource::new(job, seed).of_each_kind(of_each);
     let hits = traced(job, method::BRUTE_FORCE, &first);
     assert_identical(job, &first, &traced(job, method::QUADTREE, &first), &hits);
 
@@ -178,7 +163,7 @@ fn the_order_of_primitives_does_not_show() {
         [("builtin:cube", 5, 5000), ("builtin:quilt", 8, 5000), ("builtin:knot", 3, 200)]
     {
         let job = subdivided(name, n);
-        let rays = rays(&job, 7, of_each);
+        let rays = RaySource::new(&job, 7).of_each_kind(of_each);
         for method in [method::BRUTE_FORCE, method::GRID_WALK, method::QUADTREE] {
             let hits = traced(&job, method, &rays);
             assert_identical(&job, &rays, &hits, &traced_in_reverse(&job, method, &rays));

@@ -9,24 +9,11 @@ use emboss::settings::{DisplacementKind, Light, Method, Settings, Shade};
 use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format};
 use emboss_tests::compare::rendered;
 use emboss_tests::instances::{placed, rotation, world_ray};
-use emboss_tests::scenes::{builtin, builtin_scene, job};
+use emboss_tests::scenes::{IMAGE_SPACE, builtin, builtin_scene, job};
 use emboss_tests::{Numbers, RaySource};
 use glam::{DAffine3, DVec2, DVec3, Vec3, Vec4};
 use std::f64::consts::TAU;
 
-/// All of them.
-const METHODS: [Method; 10] = [
-    Method::Bump,
-    Method::BumpOffset,
-    Method::NormalMap,
-    Method::Parallax,
-    Method::ParallaxLimited,
-    Method::Steep,
-    Method::Relief,
-    Method::Occlusion,
-    Method::Pyramid,
-    Method::Sphere,
-];
 /// Texels of a side of the waves' map.
 const SIDE: u32 = 1024;
 /// Height of the waves from trough to crest, on a square of side 1.
@@ -206,7 +193,7 @@ fn flat_maps_show_the_base_mesh() {
     let rays: Vec<Ray> = (0..2000).map(|_| source.from_outside()).collect();
     let expected = hits(flat(), Method::None, &rays);
     assert!(expected.iter().filter(|hit| hit.primitive != MISS).count() > 500);
-    for method in METHODS {
+    for method in IMAGE_SPACE {
         assert_eq!(hits(flat(), method, &rays), expected, "{method}");
     }
 }
@@ -224,7 +211,7 @@ fn outlines_are_the_base_meshs() {
         picture.pixels.iter().map(|pixel| pixel.w).collect::<Vec<_>>()
     };
     let flat = coverage(Method::None);
-    for method in METHODS {
+    for method in IMAGE_SPACE {
         assert!(!method.changes_silhouette());
         assert_eq!(coverage(method), flat, "{method}");
     }
@@ -257,7 +244,7 @@ fn instances_show_what_their_mesh_does() {
 
 #[test]
 fn vectors_and_adaptive_n_are_refused() {
-    for method in METHODS {
+    for method in IMAGE_SPACE {
         let auto = Settings { method, adaptive: Some(1.0), ..Settings::default() };
         let refused = prepare(Scene { subdivisions: 16, ..waves() }, &auto).expect_err("one N is asked for");
         assert!(matches!(refused, RenderError::MethodOfAuto { .. }), "{refused}");

@@ -18,21 +18,6 @@ use emboss_tests::scenes::{self, ReadyJob, VECTORS, builtin_scene};
 use emboss_tests::{Numbers, RaySource};
 use glam::Vec3;
 
-/// So many rays of each kind, as `builtin.rs` has them.
-fn rays(job: &ReadyJob, seed: u64, of_each: usize) -> Vec<Ray> {
-    let mut source = RaySource::new(job, seed);
-    let five = |_| {
-        [
-            source.from_outside(),
-            source.from_inside(),
-            source.grazing(),
-            source.along_normal(),
-            source.towards_edge(3.0),
-        ]
-    };
-    (0..of_each).flat_map(five).collect()
-}
-
 /// The job by another method, with what the host makes of it.
 fn by(job: &ReadyJob, method: Method) -> ReadyJob {
     let features = Features { method: method.id(), ..job.features };
@@ -46,7 +31,7 @@ fn assert_same_hits(exact: &ReadyJob, other: &ReadyJob, seed: u64, of_each: usiz
         answers.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
         answers.trace_rays(rays).expect("the CPU does not fail")
     };
-    let first = rays(exact, seed, of_each);
+    let first = RaySource::new(exact, seed).of_each_kind(of_each);
     let (expected, found) = (trace(exact, &first), trace(other, &first));
     let n = exact.frame.subdivisions;
     for ((ray, expected), found) in first.iter().zip(&expected).zip(&found) {

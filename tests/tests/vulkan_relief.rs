@@ -3,24 +3,14 @@
 
 use emboss::settings::{Method, Settings, Shade};
 use emboss_tests::compare::{against_cpu, rendered};
-use emboss_tests::scenes::{builtin_scene, job};
+use emboss_tests::scenes::{IMAGE_SPACE, builtin_scene, job};
 use emboss_tests::{finish, lavapipe};
 
 #[test]
 fn methods_in_image_space_are_alike() {
     let mut backend = lavapipe();
     let (scene, settings) = builtin_scene("builtin:cube", 12, 64, 48);
-    let lit = [
-        Method::Bump,
-        Method::BumpOffset,
-        Method::NormalMap,
-        Method::Parallax,
-        Method::ParallaxLimited,
-        Method::Steep,
-        Method::Relief,
-        Method::Occlusion,
-    ];
-    let lit = lit.map(|method| (method, Shade::Lit));
+    let lit = IMAGE_SPACE.map(|method| (method, Shade::Lit));
     for (method, shade) in lit.into_iter().chain([(Method::Relief, Shade::Error)]) {
         let job = job(scene.clone(), &Settings { method, shade, ..settings.clone() });
         let picture = rendered(&mut backend, &job, 1);

@@ -1,13 +1,9 @@
 //! Entry points of distance maps, in the order in which they are dispatched.
 
-use crate::displacement::surface::HeightField;
-use crate::interface::{
-    Batch, BvhNode, Displacement, Frame, Instance, Material, PointLight, SeamSide, Seams, Tangent,
-    TexelScale, Triangle, Vertex,
-};
+use crate::displacement::height_pyramid::Pyramid;
+use crate::interface::{Batch, Displacement};
 use crate::math::{at, put};
 use crate::relief::distance_map;
-use crate::scene::{Features, SceneView};
 use glam::UVec3;
 use spirv_std::{glam, spirv};
 
@@ -18,53 +14,23 @@ pub fn distance_columns(
     #[spirv(push_constant)] batch: &Batch,
     #[spirv(spec_constant(id = 3, default = 2))] height_format: u32,
     #[spirv(spec_constant(id = 5, default = 0))] height_wrap: u32,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] nodes: &[BvhNode],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] primitives: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] displacements: &[Displacement],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] height_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] height_ranges: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] seams: &[Seams],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] seam_sides: &[SeamSide],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] color_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] lights: &[PointLight],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 37)] materials: &[Material],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 38)] tangents: &[Tangent],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 39)] texel_scales: &[TexelScale],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 40)] instances: &[Instance],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &mut [f32],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
-        let features = Features { height_format, height_wrap, ..Features::default() };
-        let scene = SceneView {
-            frame,
-            vertices,
-            tangents,
-            texel_scales,
-            triangles,
-            nodes,
-            primitives,
-            displacements,
-            height_texels,
-            height_ranges,
-            seams,
-            seam_sides,
-            color_texels,
-            materials,
-            lights,
-            normal_texels,
-            instances,
-            micro_vertices,
-            distances: &*distances,
-        };
         let (map, column) = (i / distance_map::COLUMNS, i % distance_map::COLUMNS);
-        let height = distance_map::column(&HeightField::new(&scene, features), map, column);
-        put(distances, map * distance_map::WORDS + column, height);
+        let displacement = at(displacements, map);
+        let pyramid = Pyramid {
+            texels: height_texels,
+            ranges: height_ranges,
+            map: displacement,
+            format: displacement.known_format(height_format),
+            wrap: displacement.known_wrap(height_wrap),
+        };
+        put(distances, map * distance_map::WORDS + column, distance_map::column(&pyramid, column));
     }
 }
 

@@ -9,7 +9,7 @@
 //! A map takes [`WORDS`] floats: the columns' heights in cells, row by row downwards, then the distances in layers of such rows, the
 //! lowest first. 272 KiB a map, whatever its size.
 
-use crate::displacement::surface::HeightField;
+use crate::displacement::height_pyramid::Pyramid;
 use crate::interface::{Displacement, wrap};
 use crate::math::{at, floor, sqrt};
 use glam::{Vec2, Vec3};
@@ -25,14 +25,14 @@ pub const CELLS: u32 = COLUMNS * DEPTH;
 /// Floats of a map.
 pub const WORDS: u32 = COLUMNS + CELLS;
 
-/// Height of column number `i` of map number `map` in cells, 0 to [`DEPTH`]. The map's pyramid must be built.
+/// Height of column number `i` of a map in cells, 0 to [`DEPTH`]. The pyramid must be built.
 #[inline]
-pub fn column(field: &HeightField<'_>, map: u32, i: u32) -> f32 {
-    let map = field.displacement(map);
+pub fn column(pyramid: &Pyramid<'_>, i: u32) -> f32 {
+    let map = pyramid.map;
     let (x, y) = (i % SIDE, i / SIDE);
     let texels = Vec2::new(map.map_width as f32, map.map_height as f32) / SIDE as f32;
     let low = Vec2::new(x as f32, y as f32) * texels - Vec2::splat(0.5);
-    let range = field.pyramid(map).range_between(low, low + texels);
+    let range = pyramid.range_between(low, low + texels);
     let (_, highest) = Displacement::height_range(range.min, range.max, map.zero, map.scale);
     let cells = (highest - map.height_min) / (map.height_max - map.height_min) * DEPTH as f32;
     // Of a flat map that is no number.

@@ -73,8 +73,9 @@ mod tests {
         let mut distances = vec![0.0; WORDS as usize];
         let view = scene.view();
         let field = HeightField::new(&view, FLAT);
+        let pyramid = field.pyramid(field.displacement(0));
         for i in 0..COLUMNS {
-            distances[i as usize] = column(&field, 0, i);
+            distances[i as usize] = column(&pyramid, i);
         }
         for i in 0..CELLS {
             distances[(COLUMNS + i) as usize] = distance(&distances, 0, FLAT.height_wrap, i);

@@ -199,8 +199,9 @@ impl HostScene {
         for map in 0..maps {
             let view = self.view();
             let field = HeightField::new(&view, features);
-            let mode = field.displacement(map).known_wrap(features.height_wrap);
-            let columns = (0..COLUMNS).into_par_iter().map(|i| distance_map::column(&field, map, i));
+            let pyramid = field.pyramid(field.displacement(map));
+            let mode = pyramid.wrap;
+            let columns = (0..COLUMNS).into_par_iter().map(|i| distance_map::column(&pyramid, i));
             let columns: Vec<f32> = columns.collect();
             let cells = (0..CELLS).into_par_iter().map(|i| distance_map::distance(&columns, 0, mode, i));
             let cells: Vec<f32> = cells.collect();

@@ -148,9 +148,8 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate | Kernel::DistanceColumns => {
-                scene_and![]
-            }
+            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate => scene_and![],
+            Kernel::DistanceColumns => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES, DISTANCES],
             Kernel::DistanceMap => &[DISPLACEMENTS, DISTANCES],
             Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
             Kernel::PrismBounds => scene_and![BOXES],
