@@ -17,22 +17,24 @@ use crate::displacement::seams;
 use crate::displacement::surface::{self, HeightField};
 use crate::interface::{
     Batch, BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, Intersection, Material, PointLight,
-    PyramidPart, Ray, SeamSide, Seams, SortPass, Tangent, TexelScale, Tile, Triangle, Vertex, counter,
+    PyramidPart, Ray, SeamSide, Seams, SortPass, Tangent, TexelScale, Tiles, Triangle, Vertex, counter,
 };
 use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
 use crate::scene::{Features, SceneView};
-use crate::{probe, render};
+use crate::{film, probe, render};
 use glam::{UVec3, Vec4};
 use spirv_std::{glam, spirv};
 
-/// Adds one sample to each pixel of a tile.
+/// Adds one sample to each pixel of some tiles.
 #[spirv(compute(threads(8, 8), entry_point_name = "render"))]
 pub fn render(
-    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(workgroup_id)] group: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(local_invocation_id)] id: UVec3,
     #[spirv(local_invocation_index)] local: u32,
     #[spirv(workgroup)] shared: &mut [Counter; counter::COUNT],
-    #[spirv(push_constant)] tile: &Tile,
+    #[spirv(push_constant)] tiles: &Tiles,
     #[spirv(spec_constant(id = 0, default = 3))] method: u32,
     #[spirv(spec_constant(id = 1, default = 0))] shade: u32,
     #[spirv(spec_constant(id = 2, default = 1))] shadows: u32,
@@ -67,7 +69,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &mut [FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] sums: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
     let scene = SceneView {
@@ -109,28 +111,31 @@ pub fn render(
         instances: placed,
     };
     let mut counts = Counts::default();
-    if id.x < tile.width && id.y < tile.height {
-        let (x, y) = (tile.x + id.x, tile.y + id.y);
-        let sample = render::sample_pixel(&scene, features, x, y, tile.sample, &mut counts);
+    let (x, y, is_one) = film::pixel(frame, tiles, group.y * groups.x + group.x, id.x, id.y);
+    if is_one {
+        let sample = render::sample_pixel(&scene, features, x, y, tiles.sample, &mut counts);
         let pixel = y * frame.width + x;
-        let sum = at(film, pixel).plus(sample);
-        put(film, pixel, sum);
+        let sum = at(sums, pixel).plus(sample);
+        put(sums, pixel, sum);
     }
     add_counts(counters, shared, local, counts, features);
 }
 
-/// Resolves each pixel of a tile.
+/// Resolves each pixel of some tiles.
 #[spirv(compute(threads(8, 8), entry_point_name = "resolve"))]
 pub fn resolve(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(push_constant)] tile: &Tile,
+    #[spirv(workgroup_id)] group: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(local_invocation_id)] id: UVec3,
+    #[spirv(push_constant)] tiles: &Tiles,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] film: &[FilmPixel],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] sums: &[FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 13)] picture: &mut [Vec4],
 ) {
-    if id.x < tile.width && id.y < tile.height {
-        let pixel = (tile.y + id.y) * frame.width + tile.x + id.x;
-        put(picture, pixel, at(film, pixel).resolve(frame));
+    let (x, y, is_one) = film::pixel(frame, tiles, group.y * groups.x + group.x, id.x, id.y);
+    if is_one {
+        let pixel = y * frame.width + x;
+        put(picture, pixel, at(sums, pixel).resolve(frame));
     }
 }
 

@@ -682,18 +682,17 @@ impl Displacement {
     }
 }
 
-/// What one dispatch of `render` does, as push constants.
+/// Which tiles of a film a dispatch of `render` or `resolve` covers, as push constants: squares of [`TILE_GROUP_SIZE`] pixels,
+/// a workgroup each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Tile {
-    /// Left edge in pixels.
-    pub x: u32,
-    /// Top edge in pixels.
-    pub y: u32,
-    /// Width in pixels; threads beyond it do nothing.
-    pub width: u32,
-    /// Height in pixels.
-    pub height: u32,
+pub struct Tiles {
+    /// Number of the first.
+    pub first: u32,
+    /// How many.
+    pub count: u32,
+    /// Whether they are numbered so that any part of them is [spread](crate::film::tile) over the film: 1, or else 0.
+    pub spread: u32,
     /// Index of the sample to add.
     pub sample: u32,
 }
@@ -833,7 +832,7 @@ const _: () = {
     assert!(size_of::<Displacement>() == 44);
     assert!(size_of::<TexelScale>() == 8);
     assert!(size_of::<Frame>() == 128);
-    assert!(size_of::<Tile>() == 20);
+    assert!(size_of::<Tiles>() == 16);
     assert!(size_of::<Batch>() == 12);
     assert!(size_of::<PyramidPart>() == 16);
     assert!(size_of::<BuildStep>() == 16);

@@ -236,6 +236,12 @@ fn add_atomically(word: &mut u32, value: u32) -> u32 {
     }
 }
 
+/// The least l with 2^l >= x, for x > 0.
+#[inline]
+pub fn ceil_log2(x: u32) -> u32 {
+    if x <= 1 { 0 } else { 32 - (x - 1).leading_zeros() }
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;

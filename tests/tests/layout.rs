@@ -9,7 +9,7 @@ use emboss_kernels::bvh::{morton, refit, small, top};
 use emboss_kernels::interface::{
     BATCH_GROUP_SIZE, Batch, BuildStep, BvhNode, Camera, Counter, Displacement, FilmPixel, Frame, Instance,
     Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE,
-    Tangent, TexelScale, Tile, Triangle, Vertex, binding, spec,
+    Tangent, TexelScale, Tiles, Triangle, Vertex, binding, spec,
 };
 use glam::{Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
@@ -125,7 +125,7 @@ shared! {
         camera, width, height, seed, light_count, background, background_alpha, ambient, triangle_count, steps_scale,
         subdivisions, height_min, height_max, detail, padding
     }
-    Tile { x, y, width, height, sample }
+    Tiles { first, count, spread, sample }
     Batch { first, count, kernel }
     PyramidPart { displacement, level, first, count }
     BuildStep { count, limbs, level, level_limit }
@@ -385,8 +385,8 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         ("height_pyramid", Some(PyramidPart::one())),
         ("prism_bounds", Some(Batch::one())),
         ("probe", Some(Batch::one())),
-        ("render", Some(Tile::one())),
-        ("resolve", Some(Tile::one())),
+        ("render", Some(Tiles::one())),
+        ("resolve", Some(Tiles::one())),
         ("scan_blocks", Some(u32::one())),
         ("scan_serially", Some(u32::one())),
         ("scatter_pairs", Some(SortPass::one())),
@@ -400,7 +400,7 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         modules.iter().map(|(name, module)| (name.as_str(), push_constants(module))).collect();
     assert_eq!(found, expected);
     let sizes = [
-        size_of::<Tile>(),
+        size_of::<Tiles>(),
         size_of::<Batch>(),
         size_of::<PyramidPart>(),
         size_of::<SortPass>(),

@@ -2,8 +2,9 @@
 
 use crate::aabb::Aabb;
 use crate::counters::Counts;
+use crate::displacement::quadtree::Descent;
 use crate::displacement::surface::{BaseTriangle, HeightField};
-use crate::displacement::{brute_force, grid_walk, inverse, quadtree, tessellate};
+use crate::displacement::{brute_force, grid_walk, inverse, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
@@ -60,19 +61,29 @@ pub fn traverse(
     let mut world_stack = [0u32; MAX_BVH_DEPTH as usize];
     let mut world_distances = [0.0f32; MAX_BVH_DEPTH as usize];
     let mut world_depth = 0;
-    let mut node = at(scene.nodes, 0);
-    let mut distance = node.entry_distance(&ray, ray.t_max, has_margin, margin);
+    // The node to be visited next. Its contents would take registers while prisms are tested.
+    let mut next_node = 0;
+    let mut distance = at(scene.nodes, 0).entry_distance(&ray, ray.t_max, has_margin, margin);
     counts.boxes += 1;
-    // Each node is visited once at most (that of a mesh once an instance). Two loops, one to the next leaf and one over
-    // leaves, so that the rays of a subgroup test prisms together: with one loop each leaf of one ray would keep the others
-    // waiting (Aila and Laine, "Understanding the Efficiency of Ray Traversal on GPUs", HPG 2009).
+    // The leaf at hand: its next entry, and how many are left.
+    let mut entry = 0;
+    let mut entries_left = 0;
+    let by_quadtree = features.method == method::QUADTREE;
+    let mut descent = Descent::DONE;
+    let any = query == Query::Any;
+    // Each node is visited once at most (that of a mesh once an instance). A loop to the next leaf of its own, so that the rays
+    // of a subgroup test prisms together: without it each leaf of one ray would keep the others waiting (Aila and Laine,
+    // "Understanding the Efficiency of Ray Traversal on GPUs", HPG 2009). Within quadtrees rays go a few nodes at a time: else
+    // they would wait at each prism for the one that has the most to do in its own.
     let mut going = true;
     while going {
-        let mut at_leaf = false;
-        while going && !at_leaf {
+        let idle = descent.is_done();
+        let mut searching = idle;
+        while searching && entries_left == 0 {
             let mut pop = true;
             let in_world = instanced && !place.inside;
             if distance <= farthest(&ray, nearest) && distance.is_finite() {
+                let node = at(scene.nodes, next_node);
                 if node.count > 0 {
                     pop = false;
                     if in_world {
@@ -83,11 +94,13 @@ pub fn traverse(
                         place = Place::inside(&instance, index, length, nearest);
                         nearest = Hit::NONE;
                         ray = object_ray;
-                        node = at(scene.nodes, place.first_node);
+                        next_node = place.first_node;
                         // Its box was that of the leaf.
                         distance = 0.0;
                     } else {
-                        at_leaf = true;
+                        (entry, entries_left) = (node.first, node.count);
+                        // What is left is popped.
+                        distance = f32::INFINITY;
                     }
                 } else {
                     // Go to the nearer child, keep the other for later.
@@ -116,55 +129,60 @@ pub fn traverse(
                         }
                     }
                     if near.is_finite() {
-                        node = if left_first { left } else { right };
+                        next_node = first + !left_first as u32;
                         distance = near;
                         pop = false;
                     }
                 }
             }
             if pop {
-                going = depth > 0;
-                if going {
+                searching = depth > 0;
+                if searching {
                     depth -= 1;
                     distance = stack_distances[depth as usize];
-                    node = at(scene.nodes, stack[depth as usize]);
+                    next_node = stack[depth as usize];
                 } else if instanced {
                     if place.inside {
                         nearest = place.nearest_in_world(nearest);
                         place = Place::WORLD;
                         ray = *world_ray;
                     }
-                    going = world_depth > 0;
-                    if going {
+                    searching = world_depth > 0;
+                    if searching {
                         world_depth -= 1;
                         distance = world_distances[world_depth as usize];
-                        node = at(scene.nodes, world_stack[world_depth as usize]);
+                        next_node = world_stack[world_depth as usize];
                     }
                 }
             }
         }
-        if at_leaf {
-            let mut i = 0;
-            while i < node.count {
-                let first = if instanced { place.first_triangle } else { 0 };
-                let primitive = first + at(scene.primitives, first + node.first + i);
+        if idle && entries_left > 0 {
+            let first = if instanced { place.first_triangle } else { 0 };
+            let primitive = first + at(scene.primitives, first + entry);
+            entry += 1;
+            entries_left -= 1;
+            if by_quadtree {
+                counts.prisms += 1;
+                let field = field.of_triangle(scene, primitive, place.instance);
+                descent = Descent::new(&field, &BaseTriangle::load(scene, primitive), &ray);
+            } else {
                 nearest = intersect_primitive(
                     scene,
                     features,
                     &field,
                     &ray,
-                    query,
                     primitive,
                     place.instance,
                     nearest,
                     counts,
                 );
-                i += 1;
             }
-            // What is left is popped above.
-            distance = f32::INFINITY;
-            going = !(query == Query::Any && nearest.is_some());
         }
+        if by_quadtree {
+            let field = field.of_cut_triangle(scene, descent.cut(), place.instance);
+            nearest = descent.advance(scene, &field, &ray, nearest, any, counts);
+        }
+        going = (!idle || searching) && !(any && nearest.is_some());
     }
     // Any hit ends the search where it is.
     if instanced && place.inside { place.nearest_in_world(nearest) } else { nearest }
@@ -189,13 +207,12 @@ impl BvhNode {
 
 /// The nearer of `nearest` and the ray's hits on one base triangle, in the space of instance number `instance`, by the method that the features name.
 #[inline]
-#[expect(clippy::too_many_arguments, reason = "the scene, the ray, the query and what it found so far")]
+#[expect(clippy::too_many_arguments, reason = "the scene, the ray and what it found so far")]
 fn intersect_primitive(
     scene: &SceneView<'_>,
     features: Features,
     field: &HeightField<'_>,
     ray: &TraversalRay,
-    query: Query,
     primitive: u32,
     instance: u32,
     nearest: Hit,
@@ -206,9 +223,6 @@ fn intersect_primitive(
         return tessellate::intersect(scene, ray, primitive, nearest);
     }
     let field = &field.of_triangle(scene, primitive, instance);
-    if features.method == method::QUADTREE {
-        return quadtree::intersect(scene, field, primitive, ray, nearest, query == Query::Any, counts);
-    }
     let base = BaseTriangle::load(scene, primitive);
     if features.method == method::GRID_WALK {
         grid_walk::intersect(field, &base, ray, nearest, counts)

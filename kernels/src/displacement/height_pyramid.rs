@@ -11,7 +11,7 @@
 
 use crate::displacement::surface::HeightField;
 use crate::interface::{Displacement, Triangle, Vertex, height_format, wrap};
-use crate::math::{UNIT_ROUNDOFF, at, floor, fma, put};
+use crate::math::{UNIT_ROUNDOFF, at, ceil_log2, floor, fma, put};
 use crate::texture::{height_texel, unorm8, unorm16};
 use glam::Vec2;
 
@@ -23,12 +23,6 @@ pub const HEADER: u32 = 32;
 #[inline]
 pub fn top_level(width: u32, height: u32) -> u32 {
     ceil_log2(width.max(height))
-}
-
-/// The least l with 2^l >= x, for x > 0.
-#[inline]
-fn ceil_log2(x: u32) -> u32 {
-    if x <= 1 { 0 } else { 32 - (x - 1).leading_zeros() }
 }
 
 /// Entries of level `level` along a side of `size` texels.

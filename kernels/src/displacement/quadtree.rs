@@ -31,7 +31,7 @@
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
-use crate::displacement::subdivisions::snap;
+use crate::displacement::subdivisions::{Subdivisions, snap};
 use crate::displacement::surface::{BaseTriangle, HeightField, component};
 use crate::displacement::vector_bounds;
 use crate::hit::Hit;
@@ -42,43 +42,91 @@ use crate::scene::SceneView;
 use core::ops::{Add, Mul, Sub};
 use glam::{Vec2, Vec3, Vec4};
 
-/// The nearer of `nearest` and the ray's hits on the micro-triangles of base triangle `primitive`; with `any`, the first hit that is
-/// found ends the descent.
+/// Where a ray is in the quadtree of a base triangle.
+///
+/// A ray goes a few nodes at a time, so that the rays of a subgroup need not wait, prism after prism, for the one that has the most
+/// to do in its own: each takes up its next prism while others are still within theirs.
 ///
 /// Equal to brute force on every ray. Cost: O(log N) nodes where the ray crosses the relief at one place, O(N) where it
 /// runs within it.
-#[inline]
-pub fn intersect(
-    scene: &SceneView<'_>,
-    field: &HeightField<'_>,
-    primitive: u32,
-    ray: &TraversalRay,
-    nearest: Hit,
-    any: bool,
-    counts: &mut Counts,
-) -> Hit {
-    counts.prisms += 1;
-    let prism = Prism::new(field, &BaseTriangle::load(scene, primitive), ray);
-    let order = Order::new(prism.position.dj.z, prism.position.dk.z);
-    let mut nearest = nearest;
-    let mut node = Node::root(field.subdivisions);
-    while node.path != NONE {
-        counts.sub_triangles += 1;
-        let reached = prism.reaches(scene, field, ray, &node, nearest);
-        let at_leaf = reached && node.side <= LEAF_SIDE;
+#[derive(Clone, Copy)]
+pub struct Descent {
+    prism: Prism,
+    order: Order,
+    /// How the triangle is cut; not read unless N is adaptive.
+    cut: Subdivisions,
+    /// The node to be tested next.
+    node: Node,
+}
+
+/// How many nodes a ray tests before it is looked whether rays beside it wait for another prism. Few make the search for
+/// prisms, which takes as long as some nodes, stand still for; many make rays wait that are through with theirs.
+const NODES_AT_A_TIME: u32 = 4;
+
+impl Descent {
+    /// That of a ray which is in no prism.
+    pub const DONE: Descent = Descent {
+        prism: Prism::NONE,
+        order: Order { labels: 0, places: 0 },
+        cut: Subdivisions { triangle: 1, steps: [1, 1, 1] },
+        node: Node { j: 0, k: 0, side: 1, inverted: false, path: NONE },
+    };
+
+    /// At the root of the quadtree over `base`, which `field` is of.
+    #[inline]
+    pub fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay) -> Descent {
+        let prism = Prism::new(field, base, ray);
+        let order = Order::new(prism.position.dj.z, prism.position.dk.z);
+        Descent { prism, order, cut: field.cutting(), node: Node::root(field.subdivisions) }
+    }
+
+    /// Whether nothing of the prism is left to be tested.
+    #[inline]
+    pub fn is_done(&self) -> bool {
+        self.node.path == NONE
+    }
+
+    /// How the base triangle is cut, where N is adaptive.
+    #[inline]
+    pub fn cut(&self) -> Subdivisions {
+        self.cut
+    }
+
+    /// Tests the next nodes, up to the first leaf, and the micro-triangles of that: the nearer of `nearest` and the ray's hits on
+    /// them. With `any` a hit ends the descent.
+    #[inline]
+    pub fn advance(
+        &mut self,
+        scene: &SceneView<'_>,
+        field: &HeightField<'_>,
+        ray: &TraversalRay,
+        nearest: Hit,
+        any: bool,
+        counts: &mut Counts,
+    ) -> Hit {
+        let mut nearest = nearest;
+        let mut leaf = self.node;
+        let mut at_leaf = false;
+        let mut tested = 0;
+        // A loop of its own, so that the rays of a subgroup test leaves together.
+        while tested < NODES_AT_A_TIME && !at_leaf && !self.is_done() {
+            counts.sub_triangles += 1;
+            let reached = self.prism.reaches(scene, field, ray, &self.node, nearest);
+            at_leaf = reached && self.node.side <= LEAF_SIDE;
+            leaf = self.node;
+            self.node = self.node.next(self.order, reached && !at_leaf, field.subdivisions);
+            tested += 1;
+        }
         if at_leaf {
             // Loaded again, so that it takes no registers while nodes are tested.
-            let base = BaseTriangle::load(scene, primitive);
-            nearest = intersect_leaf(field, &base, ray, node, nearest, counts);
+            let base = BaseTriangle::load(scene, self.prism.primitive);
+            nearest = intersect_leaf(field, &base, ray, leaf, nearest, counts);
+            if any && nearest.is_some() {
+                self.node.path = NONE;
+            }
         }
-        let done = any && nearest.is_some();
-        node = if done {
-            Node { path: NONE, ..node }
-        } else {
-            node.next(order, reached && !at_leaf, field.subdivisions)
-        };
+        nearest
     }
-    nearest
 }
 
 /// Cells a side of the nodes that are not divided: their four micro-triangles share six micro-vertices, which costs less
@@ -443,6 +491,12 @@ pub(super) struct RayFrame {
 }
 
 impl RayFrame {
+    /// That of a ray along `z`; `y` is at right angles to it.
+    #[inline]
+    fn new(y: Vec3, z: Vec3, origin: Vec3) -> RayFrame {
+        RayFrame { x: y.cross(z), y, z, origin }
+    }
+
     /// One that is the model's own but for its origin.
     #[inline]
     pub(super) fn along_axes(origin: Vec3) -> RayFrame {
@@ -463,22 +517,26 @@ impl RayFrame {
 }
 
 /// The base triangle in the ray's frame.
+#[derive(Clone, Copy)]
 struct Prism {
     primitive: u32,
+    /// Index of its map.
+    displacement: u32,
     has_seams: bool,
-    frame: RayFrame,
-    /// Its origin's distance along the ray.
+    /// The frame's second axis and its origin: the rest of it is the ray's.
+    y: Vec3,
+    origin: Vec3,
+    /// The origin's distance along the ray.
     t_origin: f32,
     position: Linear<Vec3>,
     normal: Linear<Vec3>,
-    /// x and y at the lower end of the prism's lifts, then at the upper end.
-    caps: Linear<Vec4>,
-    /// Whether the prism's lifts are bounded, so that it has caps.
-    has_caps: bool,
+    /// The least and the greatest lift over it.
+    lifts: (f32, f32),
+    /// Whether these are bounded.
+    has_lifts: bool,
     texel: Linear<Vec2>,
     /// What rounding can make of texel coordinates.
     texel_error: Vec2,
-    map: Displacement,
     /// What rounding can move a micro-vertex by, relative to the ray and to the bounds.
     margin: f32,
     /// The eye in the frame, and the least size of texels, where maps are filtered by their levels.
@@ -487,6 +545,25 @@ struct Prism {
 }
 
 impl Prism {
+    /// One that nothing is read of.
+    const NONE: Prism = Prism {
+        primitive: 0,
+        displacement: 0,
+        has_seams: false,
+        y: Vec3::ZERO,
+        origin: Vec3::ZERO,
+        t_origin: 0.0,
+        position: Linear { at_origin: Vec3::ZERO, dj: Vec3::ZERO, dk: Vec3::ZERO },
+        normal: Linear { at_origin: Vec3::ZERO, dj: Vec3::ZERO, dk: Vec3::ZERO },
+        lifts: (0.0, 0.0),
+        has_lifts: false,
+        texel: Linear { at_origin: Vec2::ZERO, dj: Vec2::ZERO, dk: Vec2::ZERO },
+        texel_error: Vec2::ZERO,
+        margin: 0.0,
+        eye: Vec3::ZERO,
+        least_texel: 0.0,
+    };
+
     #[inline]
     fn new(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay) -> Prism {
         let n = field.subdivisions as f32;
@@ -497,22 +574,17 @@ impl Prism {
         let squared = across.dot(across);
         // A ray along the mean normal has no plane with it: any frame does.
         let y = if squared > 1e-12 { across / sqrt(squared) } else { z.any_orthonormal_vector() };
-        let x = y.cross(z);
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
         let t_origin = dot(centroid - ray.origin, z);
         let origin = ray.origin + z * t_origin;
-        let frame = RayFrame { x, y, z, origin };
+        let frame = RayFrame::new(y, z, origin);
         let (a, b, c) = (frame.point(base.p0), frame.point(base.p1), frame.point(base.p2));
         let map = base.map;
         let texel = |uv: Vec2| texel_coordinates(&map, uv);
         let (na, nb, nc) = (frame.vector(base.n0), frame.vector(base.n1), frame.vector(base.n2));
         let shortest = base.shortest_normal();
-        let has_caps = !field.is_vector() && (shortest > 0.0 || field.normals == normals::LINEAR);
-        let (low, high) = if has_caps { base.lift_range(field, shortest) } else { (0.0, 0.0) };
-        let ends = |p: Vec3, n: Vec3| {
-            let (lower, upper) = (p + n * low, p + n * high);
-            Vec4::new(lower.x, lower.y, upper.x, upper.y)
-        };
+        let has_lifts = !field.is_vector() && (shortest > 0.0 || field.normals == normals::LINEAR);
+        let lifts = if has_lifts { base.lift_range(field, shortest) } else { (0.0, 0.0) };
         let greatest_uv = base.t0.abs().max(base.t1.abs()).max(base.t2.abs());
 
         // How far a lift reaches. Where normals cancel it is the height that is bounded.
@@ -537,16 +609,17 @@ impl Prism {
             UNIT_ROUNDOFF * (2.0 * moved + 64.0 * size + of_reach * reach + of_coordinate * coordinate);
         Prism {
             primitive: base.primitive,
+            displacement: base.displacement,
             has_seams: base.has_seams(field),
-            frame,
+            y,
+            origin,
             t_origin,
             position: Linear::new(a, b, c, n),
             normal: Linear::new(na, nb, nc, n),
-            caps: Linear::new(ends(a, na), ends(b, nb), ends(c, nc), n),
-            has_caps,
+            lifts,
+            has_lifts,
             texel: Linear::new(texel(base.t0), texel(base.t1), texel(base.t2), n),
             texel_error: texel_error(&map, greatest_uv),
-            map,
             margin,
             eye: frame.point(field.viewpoint.eye),
             least_texel: if field.is_filtered() { field.least_texel(base.vertices) } else { 0.0 },
@@ -568,17 +641,15 @@ impl Prism {
         let has_seams = self.has_seams && node.is_at_border(n);
         let coarse = node.coarse_edges(field);
         // Most nodes that the ray does not reach it passes beside their columns, whatever the heights.
-        if self.has_caps && !has_seams {
-            let (j0, k0) = node.corner(0, n);
-            let (j1, k1) = node.corner(1, n);
-            let (j2, k2) = node.corner(2, n);
-            let (a, b, c) = (self.caps.at(j0, k0), self.caps.at(j1, k1), self.caps.at(j2, k2));
+        if self.has_lifts && !has_seams {
+            let (a, b, c) =
+                (self.ends(node.corner(0, n)), self.ends(node.corner(1, n)), self.ends(node.corner(2, n)));
             let (mut least, mut greatest) = (a.min(b).min(c), a.max(b).max(c));
             let mut e = if field.is_adaptive() { 0 } else { 3 };
             while e < 3 {
                 if coarse >> e & 1 != 0 {
                     let [a, b] = node.stretch_ends(e, field);
-                    let (a, b) = (self.caps.at(a.0, a.1), self.caps.at(b.0, b.1));
+                    let (a, b) = (self.ends(a), self.ends(b));
                     (least, greatest) = (least.min(a).min(b), greatest.max(a).max(b));
                 }
                 e += 1;
@@ -591,7 +662,7 @@ impl Prism {
                 return false;
             }
         }
-        let bounds = self.bounds(scene, field, node, has_seams, coarse);
+        let bounds = self.bounds(scene, field, &self.frame(ray), node, has_seams, coarse);
         let far = ray.t_max.min(nearest.t) - self.t_origin;
         // Negated so that NaN, of bounds too large for floats, reaches.
         !(bounds.min.x > m
@@ -602,6 +673,20 @@ impl Prism {
             || bounds.max.z + m < -self.t_origin)
     }
 
+    /// x and y in the frame over a grid point at the lower end of the prism's lifts, then at the upper end.
+    #[inline]
+    fn ends(&self, (j, k): (u32, u32)) -> Vec4 {
+        let (p, n) = (self.position.at(j, k), self.normal.at(j, k));
+        let (lower, upper) = (p + n * self.lifts.0, p + n * self.lifts.1);
+        Vec4::new(lower.x, lower.y, upper.x, upper.y)
+    }
+
+    /// The frame of `ray`, which the prism was made for.
+    #[inline]
+    fn frame(&self, ray: &TraversalRay) -> RayFrame {
+        RayFrame::new(self.y, ray.direction, self.origin)
+    }
+
     /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
     /// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches.
     #[inline]
@@ -609,6 +694,7 @@ impl Prism {
         &self,
         scene: &SceneView<'_>,
         field: &HeightField<'_>,
+        frame: &RayFrame,
         node: &Node,
         has_seams: bool,
         coarse: u32,
@@ -616,7 +702,7 @@ impl Prism {
         let n = field.subdivisions;
         if field.is_vector() {
             let base = BaseTriangle::load(scene, self.primitive);
-            return vector_bounds::of_node(field, &base, &self.frame, node, has_seams, coarse, self.margin);
+            return vector_bounds::of_node(field, &base, frame, node, has_seams, coarse, self.margin);
         }
         let mut bounds = Bounds::EMPTY;
         // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once; left
@@ -638,7 +724,7 @@ impl Prism {
         }
         if has_seams {
             let base = BaseTriangle::load(scene, self.primitive);
-            self.including_seams(field, &base, node, bounds)
+            self.including_seams(field, &base, frame, node, bounds)
         } else {
             bounds
         }
@@ -650,17 +736,17 @@ impl Prism {
     fn hull(&self, field: &HeightField<'_>, corners: [(u32, u32); 3]) -> Bounds {
         let [(j0, k0), (j1, k1), (j2, k2)] = corners;
         let (t0, t1, t2) = (self.texel.at(j0, k0), self.texel.at(j1, k1), self.texel.at(j2, k2));
+        let map = field.displacement(self.displacement);
         let low = t0.min(t1).min(t2) - self.texel_error;
         let high = t0.max(t1).max(t2) + self.texel_error;
-        let texels = field.pyramid(self.map).range_between(low, high);
-        let (least, greatest) =
-            Displacement::height_range(texels.min, texels.max, self.map.zero, self.map.scale);
+        let texels = field.pyramid(map).range_between(low, high);
+        let (least, greatest) = Displacement::height_range(texels.min, texels.max, map.zero, map.scale);
 
         let (p0, p1, p2) = (self.position.at(j0, k0), self.position.at(j1, k1), self.position.at(j2, k2));
         let (n0, n1, n2) = (self.normal.at(j0, k0), self.normal.at(j1, k1), self.normal.at(j2, k2));
         let (least, greatest) = if field.is_filtered() {
             let distance = farthest(self.eye, p0, p1, p2) + self.margin;
-            filtered_range(field, &self.map, distance, self.least_texel, least, greatest)
+            filtered_range(field, &map, distance, self.least_texel, least, greatest)
         } else {
             (least, greatest)
         };
@@ -689,6 +775,7 @@ impl Prism {
         &self,
         field: &HeightField<'_>,
         base: &BaseTriangle,
+        frame: &RayFrame,
         node: &Node,
         bounds: Bounds,
     ) -> Bounds {
@@ -703,8 +790,8 @@ impl Prism {
                 let (low, high) = seams.corner_range(field, e);
                 let (p, direction) = (base.position(e), seams.direction(e));
                 bounds = bounds
-                    .including(self.frame.point(p + direction * low))
-                    .including(self.frame.point(p + direction * high));
+                    .including(frame.point(p + direction * low))
+                    .including(frame.point(p + direction * high));
             }
             if touched >> e & 1 != 0 && seams.flags >> (3 + e) & 1 != 0 {
                 let (start, end) = node.stretch_of_edge(e, field);
@@ -720,12 +807,12 @@ impl Prism {
                     let direction = seams.direction(a) + turn * share;
                     if spread {
                         let reach = low.abs().max(high.abs());
-                        let p = self.frame.point(p);
+                        let p = frame.point(p);
                         bounds = bounds.including(p - Vec3::splat(reach)).including(p + Vec3::splat(reach));
                     } else {
                         bounds = bounds
-                            .including(self.frame.point(p + direction * low))
-                            .including(self.frame.point(p + direction * high));
+                            .including(frame.point(p + direction * low))
+                            .including(frame.point(p + direction * high));
                     }
                     i += 1;
                 }
@@ -825,11 +912,27 @@ impl Bounds {
 mod tests {
     use super::*;
     use crate::displacement::brute_force;
-    use crate::displacement::subdivisions::Subdivisions;
     use crate::displacement::test_prism::{FEATURES, Prism, random_ray};
     use crate::interface::{displacement_kind, filter};
     use crate::math::tests::Numbers;
     use crate::scene::Features;
+
+    /// The nearer of `nearest` and the ray's hits on prism 0; with `any`, the first one that is found.
+    fn intersect(
+        view: &SceneView<'_>,
+        field: &HeightField<'_>,
+        ray: &TraversalRay,
+        any: bool,
+        counts: &mut Counts,
+    ) -> Hit {
+        counts.prisms += 1;
+        let mut descent = Descent::new(field, &BaseTriangle::load(view, 0), ray);
+        let mut nearest = Hit::NONE;
+        while !descent.is_done() {
+            nearest = descent.advance(view, field, ray, nearest, any, counts);
+        }
+        nearest
+    }
 
     /// The quadtree and brute force on `count` prisms with 20 rays each, a fifth aimed at micro-vertices and
     /// micro-edges, a tenth exactly along a normal, in both modes of direction. `most_triangles`: how many a prism may
@@ -851,11 +954,11 @@ mod tests {
             let field = HeightField::new(&view, mode).cut(cut);
             for _ in 0..20 {
                 let ray = random_ray(&prism, &field, &mut numbers, true);
-                let found = intersect(&view, &field, 0, &ray, Hit::NONE, false, &mut total);
+                let found = intersect(&view, &field, &ray, false, &mut total);
                 let exact =
                     brute_force::intersect(&field, &prism.base(), &ray, Hit::NONE, &mut Counts::default());
                 assert_eq!(found, exact, "N = {n}, {ray:?}, {:?}", prism.base());
-                let any = intersect(&view, &field, 0, &ray, Hit::NONE, true, &mut Counts::default());
+                let any = intersect(&view, &field, &ray, true, &mut Counts::default());
                 assert_eq!(any.is_some(), exact.is_some(), "N = {n}, {ray:?}, {:?}", prism.base());
                 hits += u32::from(exact.is_some());
             }
@@ -1039,12 +1142,13 @@ mod tests {
             let base = prism.base();
             let ray = random_ray(&prism, &field, &mut numbers, true);
             let seen = super::Prism::new(&field, &base, &ray);
+            let frame = seen.frame(&ray);
             for _ in 0..50 {
                 let node = random_node(&mut numbers, n);
-                let bounds = seen.bounds(&view, &field, &node, false, node.coarse_edges(&field));
+                let bounds = seen.bounds(&view, &field, &frame, &node, false, node.coarse_edges(&field));
                 let mut true_bounds = Bounds::EMPTY;
                 for position in micro_vertices(&field, &base, node) {
-                    let p = seen.frame.point(position);
+                    let p = frame.point(position);
                     let m = Vec3::splat(seen.margin);
                     assert!(
                         p.cmpge(bounds.min - m).all() && p.cmple(bounds.max + m).all(),

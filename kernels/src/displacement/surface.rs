@@ -183,18 +183,33 @@ impl<'a> HeightField<'a> {
     /// are none. What concerns micro-triangles takes this one.
     #[inline]
     pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32, instance: u32) -> Self {
+        let field = self.within(scene, instance);
+        let mut cut = Subdivisions::uniform(field.subdivisions);
+        if field.is_adaptive {
+            let [a, b, c] = at(scene.triangles, primitive).vertices;
+            let position = |i: u32| at(scene.vertices, i).position;
+            cut = field.viewpoint.subdivisions(position(a), position(b), position(c));
+        }
+        field.cut(cut)
+    }
+
+    /// The height field of [`of_triangle`](Self::of_triangle) for one whose cut is known; not read unless N is adaptive.
+    #[inline]
+    pub fn of_cut_triangle(self, scene: &SceneView<'_>, cut: Subdivisions, instance: u32) -> Self {
+        let field = self.within(scene, instance);
+        let uniform = Subdivisions::uniform(field.subdivisions);
+        field.cut(if field.is_adaptive { cut } else { uniform })
+    }
+
+    /// The height field as it is seen in instance number `instance`.
+    #[inline]
+    fn within(self, scene: &SceneView<'_>, instance: u32) -> Self {
         // Not a choice between two height fields: what is copied as a whole is not known field by field, constants among it.
         let mut viewpoint = self.viewpoint;
         if self.is_placed && (self.is_adaptive || self.is_filtered()) {
             viewpoint = viewpoint.within(&at(scene.instances, instance));
         }
-        let mut cut = Subdivisions::uniform(self.subdivisions);
-        if self.is_adaptive {
-            let [a, b, c] = at(scene.triangles, primitive).vertices;
-            let position = |i: u32| at(scene.vertices, i).position;
-            cut = viewpoint.subdivisions(position(a), position(b), position(c));
-        }
-        HeightField { viewpoint, ..self.cut(cut) }
+        HeightField { viewpoint, ..self }
     }
 
     /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same everywhere.

@@ -588,8 +588,8 @@ pub trait Backend {
     /// have to be 0: see [`set_displacements`](Self::set_displacements).)
     fn set_features(&mut self, features: Features) -> Result<(), BackendError>;
 
-    /// Adds sample number `sample` to every pixel, tile by tile. Calls `progress` with the share done (0 to 1)
-    /// between tiles; `Break` ends the pass, and the film keeps what it has.
+    /// Adds sample number `sample` to every pixel, part by part. Calls `progress` with the share done (0 to 1)
+    /// between parts; `Break` ends the pass, and the film keeps what it has.
     fn add_sample(
         &mut self,
         sample: u32,

@@ -476,11 +476,13 @@ impl Backend for VulkanBackend {
 
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
         self.samples_ms = 0.0;
+        self.programs.beware();
         self.resident.set_view(&self.device, &self.commands, &mut self.transfers, frame, lights)
     }
 
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
         self.samples_ms = 0.0;
+        self.programs.beware();
         self.resident.set_displacements(&self.commands, &mut self.transfers, displacements)?;
         if self.resident.triangles() > 0 && !self.resident.instances().is_empty() {
             let (start, resident) = (Instant::now(), self.take_scene()?);
@@ -518,7 +520,7 @@ impl Backend for VulkanBackend {
         let size = self.resident.size();
         let program = self.programs.get(&self.device, Kernel::Render)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
-        let pass = program.run_tiles(&self.commands, size, sample, progress)?;
+        let pass = program.run_film(&self.commands, size, sample, progress)?;
         self.samples_ms += pass.device_ms;
         Ok(pass.flow)
     }
@@ -528,7 +530,7 @@ impl Backend for VulkanBackend {
         let program = self.programs.get(&self.device, Kernel::Resolve)?;
         program.pipeline().bind(|at| self.resident.buffer(at));
         // Nothing asks to end it early.
-        program.run_tiles(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
+        program.run_film(&self.commands, size, 0, &mut |_| ControlFlow::Continue(()))?;
         let count = self.resident.pixels() as usize;
         self.transfers.read(&self.commands, self.resident.buffer(binding::PICTURE), count)
     }

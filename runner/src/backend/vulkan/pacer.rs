@@ -4,85 +4,128 @@
 //! desktop from drawing. None should take more than 50 ms where cutting can achieve it: the pacer aims at 20, so
 //! that a submission may be two and a half times as dear as expected.
 //!
-//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are
-//! beside it: such a *tail* is no reason to cut, and an item of more than 50 ms takes what it takes. Hence cost is
-//! never modelled as time per item alone. The first pass over unknown work feels its way ([`FirstPass`]); each
-//! later one is planned stretch by stretch from what the one before it took ([`Plan`]).
+//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are beside it: its
+//! *tail*. Each part of a cut one takes as long, so that on a device that runs 10^5 items side by side a pass in thirty parts
+//! takes thirty times as long as in one. What cutting shortens is what comes on top: the *work*, in proportion to the
+//! items. Two submissions of different sizes tell one from the other, and a submission gets as many items as make
+//! [`TARGET_MS`] of work.
+//!
+//! Items are taken to be alike wherever in the pass they stand. Those of a film are [made so](super::tiles::Parts).
 
-mod first_pass;
-mod plan;
-
-use first_pass::FirstPass;
-use plan::{Plan, Stretch};
-
-/// What a submission should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
+/// What a submission's work should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
-/// Share of a whole's time from which on a part of it is said to be bound by its tail: half the items of even work
-/// take half the time, those with the slowest item all of it.
-const TAIL_SHARE: f64 = 0.7;
-/// The part of a whole that proves a tail of any length: other pixels can be dearer, but seldom as much dearer as a
-/// quarter must be that takes [`TAIL_SHARE`] of the whole.
-const TELLING_PART: f64 = 0.25;
+/// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute force, they
+/// are the target.
+const FIRST_ITEMS: f64 = 1024.0;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
+/// Largest growth from one submission to the next.
+const MOST_GROWTH: f64 = 8.0;
+/// Largest shrinkage: one submission may be long by chance, or because it is the first one of all, which pays for what
+/// drivers put off until then (code generation, clocks).
+const MOST_SHRINKAGE: f64 = 4.0;
+/// Submissions whose sizes differ by less do not tell work from tails.
+const TELLING_FACTOR: f64 = 1.5;
+/// By how much sizes are changed to find out: more, since parts of a pass are equal and of whole workgroups.
+const TRIAL_FACTOR: f64 = 2.0;
+/// What part of the usual size the first submission gets after a change that may make items as many times dearer.
+const CAUTION: f64 = 4.0;
 
 /// Decides how many items (pixels, rays) each submission of a pass gets, and learns from what they took.
 #[derive(Clone, Debug)]
 pub(super) struct Pacer {
-    /// Items of this pass.
-    total: u32,
-    /// What the last complete pass took, in sweep order. Empty before.
-    profile: Vec<Stretch>,
-    /// What this pass took so far.
-    measured: Vec<Stretch>,
-    pace: Pace,
+    /// What its submissions' work should take, in milliseconds.
+    target_ms: f64,
+    /// How many items make the target, as far as is known.
+    items: f64,
+    /// What the last submission takes however few its items are, as far as is known.
+    tail_ms: f64,
+    /// Whether that was found out by two submissions.
+    is_told: bool,
+    /// The last submission.
+    last: Option<Submission>,
+    /// Items of the present pass that are left.
+    left: u32,
 }
 
-/// Where the sizes of this pass come from.
-#[derive(Clone, Debug)]
-enum Pace {
-    Unknown(FirstPass),
-    Planned(Plan),
+/// What a submission took.
+#[derive(Clone, Copy, Debug)]
+struct Submission {
+    items: f64,
+    ms: f64,
 }
 
 impl Pacer {
     /// A pacer that knows nothing.
     pub(super) fn new() -> Self {
-        Pacer { total: 0, profile: Vec::new(), measured: Vec::new(), pace: Pace::Unknown(FirstPass::new(0)) }
+        Pacer { target_ms: TARGET_MS, items: FIRST_ITEMS, tail_ms: 0.0, is_told: false, last: None, left: 0 }
     }
 
-    /// Begins a pass over `total` items. It is planned where a complete pass over as many was measured last; a pass
-    /// that was broken off teaches nothing.
+    /// Begins a pass over `total` items.
     pub(super) fn begin_pass(&mut self, total: u32) {
-        let measured = std::mem::take(&mut self.measured);
-        if plan::items_of(&measured) == u64::from(self.total) {
-            self.profile = measured;
-        }
-        self.total = total;
-        self.pace = if total > 0 && plan::items_of(&self.profile) == u64::from(total) {
-            Pace::Planned(Plan::new(&self.profile))
-        } else {
-            Pace::Unknown(FirstPass::new(total))
-        };
+        self.left = total;
     }
 
-    /// The most items that the next submission should get, at least a workgroup's worth. It may get fewer, as
-    /// rounding to whole tiles demands.
+    /// Takes note that items may be dearer than they were: what is seen has changed.
+    pub(super) fn beware(&mut self) {
+        self.items = (self.items / CAUTION).max(FIRST_ITEMS.min(self.items));
+        self.last = None;
+    }
+
+    /// The most items that the next submission should get, at least a workgroup's worth: equal parts of what is left.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a part of a u32, and at least 1"
+    )]
     pub(super) fn items(&self) -> u32 {
-        let items = match &self.pace {
-            Pace::Unknown(first_pass) => first_pass.items(),
-            Pace::Planned(plan) => plan.next_items(),
-        };
-        items.max(FEWEST_ITEMS)
+        let left = f64::from(self.left);
+        let parts = (left / self.items).ceil().max(1.0);
+        ((left / parts).ceil() as u32).max(FEWEST_ITEMS)
     }
 
     /// Takes note of what a submission of `items` items took.
     pub(super) fn record(&mut self, items: u32, ms: f64) {
-        let bound = match &mut self.pace {
-            Pace::Unknown(first_pass) => first_pass.record(items, ms),
-            Pace::Planned(plan) => plan.record(items, ms),
+        self.left = self.left.saturating_sub(items);
+        let now = Submission { items: f64::from(items.max(1)), ms };
+        let told = self.last.and_then(|last| now.work_against(last));
+        // A shorter time of as many items says that the tail was shorter rather than that they take no work.
+        let expected_ms = now.items * self.target_ms / self.items;
+        let work_ms = told.unwrap_or((ms - self.tail_ms).max(expected_ms / TRIAL_FACTOR)).clamp(0.0, ms);
+        self.is_told |= told.is_some();
+        self.tail_ms = ms - work_ms;
+        self.last = Some(now);
+        // A clock too coarse to see it gives 0 ms.
+        let wanted = if work_ms > 0.0 { self.target_ms / work_ms } else { f64::INFINITY };
+        // As long as nothing is told the next submission is to tell it.
+        let wanted = match (self.is_told, wanted < 1.0) {
+            (true, _) => wanted,
+            (false, true) => wanted.min(1.0 / TRIAL_FACTOR),
+            (false, false) => wanted.max(TRIAL_FACTOR),
         };
-        self.measured.push(Stretch { items, ms, bound });
+        let least = (now.items / MOST_SHRINKAGE).max(f64::from(FEWEST_ITEMS));
+        // A pass of few items does not unlearn what larger ones may have.
+        let most = (now.items * MOST_GROWTH).max(self.items).max(least);
+        self.items = (now.items * wanted).clamp(least, most);
+    }
+}
+
+impl Submission {
+    /// How much of its time was work, by what another one before it took; `None` where that does not tell.
+    fn work_against(self, before: Submission) -> Option<f64> {
+        let grew = self.items > before.items;
+        let (few, many) = if grew { (before, self) } else { (self, before) };
+        if many.items < few.items * TELLING_FACTOR {
+            None
+        } else if many.ms >= few.ms {
+            Some((many.ms - few.ms) / (many.items - few.items) * self.items)
+        } else if grew {
+            // More items in less time: both were all tail.
+            Some(0.0)
+        } else {
+            // Fewer in more: they became dearer.
+            None
+        }
     }
 }
 

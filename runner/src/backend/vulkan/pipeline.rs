@@ -5,7 +5,7 @@ use super::device::{Device, Owned};
 use super::specialize::specialize;
 use crate::backend::BackendError;
 use ash::vk;
-use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tile, binding, spec};
+use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tiles, binding, spec};
 use emboss_kernels::scene::Features;
 use std::ffi::CString;
 use std::io::Cursor;
@@ -198,7 +198,7 @@ impl Kernel {
 
     fn push_constant_bytes(self) -> usize {
         match self {
-            Kernel::Render | Kernel::Resolve => size_of::<Tile>(),
+            Kernel::Render | Kernel::Resolve => size_of::<Tiles>(),
             Kernel::TraceRays
             | Kernel::BoundHeights
             | Kernel::DecideSeams

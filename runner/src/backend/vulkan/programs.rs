@@ -4,7 +4,7 @@ use super::commands::Commands;
 use super::device::Device;
 use super::pacer::Pacer;
 use super::pipeline::{Kernel, Pipeline};
-use super::tiles::{self, Tiles};
+use super::tiles::{self, Parts};
 use crate::backend::BackendError;
 use crate::heights;
 use bytemuck::{Pod, bytes_of};
@@ -51,6 +51,13 @@ impl Programs {
         }
     }
 
+    /// Takes note that what is seen has changed.
+    pub(super) fn beware(&mut self) {
+        for program in &mut self.made {
+            program.pacer.beware();
+        }
+    }
+
     /// The program of a kernel, compiled now if this is the first time that it is needed.
     pub(super) fn get(&mut self, device: &Arc<Device>, kernel: Kernel) -> Result<&mut Program, BackendError> {
         let index = match self.made.iter().position(|program| program.kernel == kernel) {
@@ -71,28 +78,28 @@ impl Program {
         &self.pipeline
     }
 
-    /// Runs over a film of `width` x `height` pixels. Calls `progress` with the share done after each tile; `Break`
+    /// Runs over a film of `width` x `height` pixels. Calls `progress` with the share done after each submission; `Break`
     /// ends the pass there.
-    pub(super) fn run_tiles(
+    pub(super) fn run_film(
         &mut self,
         commands: &Commands,
         [width, height]: [u32; 2],
         sample: u32,
         progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
     ) -> Result<Pass, BackendError> {
-        let mut tiles = Tiles::new(width, height);
+        let mut parts = Parts::new(width, height);
         let mut pass = Pass { flow: ControlFlow::Continue(()), device_ms: 0.0 };
-        self.pacer.begin_pass(width.saturating_mul(height));
+        self.pacer.begin_pass(parts.pixels());
         while pass.flow.is_continue()
-            && let Some(tile) = tiles.next(self.pacer.items(), sample)
+            && let Some((tiles, pixels)) = parts.next(self.pacer.items(), sample)
         {
             let ms = commands.run(self.kernel.activity(), |recorder| {
-                recorder.dispatch(&self.pipeline, bytes_of(&tile), tiles::groups(tile));
+                recorder.dispatch(&self.pipeline, bytes_of(&tiles), tiles::groups(tiles));
             })?;
-            self.pacer.record(tile.width * tile.height, ms);
-            tracing::trace!("{tile:?}: {ms:.3} ms");
+            self.pacer.record(pixels, ms);
+            tracing::trace!("{tiles:?}: {ms:.3} ms");
             pass.device_ms += ms;
-            pass.flow = progress(tiles.share_done());
+            pass.flow = progress(parts.share_done());
         }
         Ok(pass)
     }

@@ -1,99 +1,97 @@
-//! How a frame is cut into tiles.
+//! How a pass over a film is cut into dispatches.
 
-use emboss_kernels::interface::{TILE_GROUP_SIZE, Tile};
+use emboss_kernels::film::spread_tiles;
+use emboss_kernels::interface::{TILE_GROUP_SIZE, Tiles};
 
-/// Longest edge of a tile in pixels: every Vulkan device runs at least 65535 workgroups along an axis.
-const MOST_EDGE: u32 = 65_535 * TILE_GROUP_SIZE;
+/// Pixels of a tile.
+const PIXELS: u32 = TILE_GROUP_SIZE * TILE_GROUP_SIZE;
+/// Workgroups that every Vulkan device runs along an axis.
+const MOST_ALONG: u32 = 65_535;
 
-/// Walks over a film from top to bottom, in tiles of whatever size is asked for next.
+/// A pass over a film, in parts of whatever size is asked for next.
 ///
-/// A tile is a band of whole rows where the asked size allows, else a piece of a band that is one workgroup high.
-/// Both are rectangles aligned to workgroups, so that only the film's own edges leave threads idle; and what is left
-/// to do is always the rows from some row on, less a piece of the first band, so that tiles of changing sizes cover
-/// the film without overlap.
+/// One part that is all of it takes the tiles as they lie: neighbours read the same memory. Several are spread over the
+/// film, each one over all of it, so that what one takes says what the next one will.
 #[derive(Clone, Debug)]
-pub(super) struct Tiles {
-    width: u32,
-    height: u32,
-    /// Left edge of the next tile; above 0 within a band.
-    x: u32,
-    /// Top edge of the next tile.
-    y: u32,
+pub(super) struct Parts {
+    columns: u32,
+    rows: u32,
+    /// Number of the next tile.
+    next: u32,
+    /// Behind the last one's.
+    end: u32,
 }
 
-impl Tiles {
+impl Parts {
     /// All of a film of `width` x `height` pixels, either of which may be 0.
     pub(super) fn new(width: u32, height: u32) -> Self {
-        Tiles { width, height, x: 0, y: if width == 0 { height } else { 0 } }
+        let (columns, rows) = (width.div_ceil(TILE_GROUP_SIZE), height.div_ceil(TILE_GROUP_SIZE));
+        let end = if columns == 0 || rows == 0 { 0 } else { spread_tiles(columns, rows) };
+        Parts { columns, rows, next: 0, end }
     }
 
-    /// The next tile, of at most `pixels` pixels but at least one workgroup, for sample number `sample`. `None` once
-    /// the film is covered.
-    pub(super) fn next(&mut self, pixels: u32, sample: u32) -> Option<Tile> {
-        if self.y >= self.height {
+    /// Pixels of the whole pass, where tiles that lie beyond the film count: what sizes are reckoned in.
+    pub(super) fn pixels(&self) -> u32 {
+        self.end.saturating_mul(PIXELS)
+    }
+
+    /// The next part, of at most `pixels` such pixels but at least one tile, for sample number `sample`; and how many pixels
+    /// it is. `None` once the film is covered.
+    pub(super) fn next(&mut self, pixels: u32, sample: u32) -> Option<(Tiles, u32)> {
+        let count = (pixels / PIXELS).clamp(1, MOST_ALONG * MOST_ALONG).min(self.end - self.next);
+        if count == 0 {
             return None;
         }
-        let whole_rows = whole_groups(pixels / self.width, self.height - self.y);
-        let fits = self.x == 0 && self.width <= MOST_EDGE && whole_rows > 0;
-        Some(if fits { self.next_band(whole_rows, sample) } else { self.next_piece(pixels, sample) })
+        let tiles = if count == self.end {
+            Tiles { first: 0, count: self.columns * self.rows, spread: 0, sample }
+        } else {
+            Tiles { first: self.next, count, spread: 1, sample }
+        };
+        self.next += count;
+        Some((tiles, count.saturating_mul(PIXELS)))
     }
 
-    /// Share of the film's rows that is covered, 0 to 1; 1 for a film without pixels.
+    /// Share of the film that is covered, 0 to 1; 1 for a film without pixels.
     pub(super) fn share_done(&self) -> f32 {
-        if self.y >= self.height { 1.0 } else { self.y as f32 / self.height as f32 }
-    }
-
-    fn next_band(&mut self, rows: u32, sample: u32) -> Tile {
-        let height = rows.min(MOST_EDGE).min(self.height - self.y);
-        let tile = Tile { x: 0, y: self.y, width: self.width, height, sample };
-        self.y += height;
-        tile
-    }
-
-    fn next_piece(&mut self, pixels: u32, sample: u32) -> Tile {
-        let height = TILE_GROUP_SIZE.min(self.height - self.y);
-        let columns = whole_groups(pixels / height, self.width - self.x).max(TILE_GROUP_SIZE);
-        let width = columns.min(MOST_EDGE).min(self.width - self.x);
-        let tile = Tile { x: self.x, y: self.y, width, height, sample };
-        self.x += width;
-        if self.x == self.width {
-            self.x = 0;
-            self.y += height;
-        }
-        tile
+        if self.next >= self.end { 1.0 } else { self.next as f32 / self.end as f32 }
     }
 }
 
-/// Workgroups along x and y that cover a tile.
-pub(super) fn groups(tile: Tile) -> [u32; 2] {
-    [tile.width.div_ceil(TILE_GROUP_SIZE), tile.height.div_ceil(TILE_GROUP_SIZE)]
-}
-
-/// All that is left of an edge if `pixels` reach that far, else a multiple of a workgroup's edge.
-fn whole_groups(pixels: u32, left: u32) -> u32 {
-    if pixels >= left { left } else { pixels / TILE_GROUP_SIZE * TILE_GROUP_SIZE }
+/// Workgroups along x and y for some tiles.
+pub(super) fn groups(tiles: Tiles) -> [u32; 2] {
+    [tiles.count.min(MOST_ALONG), tiles.count.div_ceil(MOST_ALONG)]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use emboss_kernels::film::pixel;
+    use emboss_kernels::interface::Frame;
     use emboss_kernels::sampler::pcg4d;
     use glam::UVec4;
 
-    /// How often each pixel is in a tile, where tile i may have `pixels(i)` pixels.
+    /// How often each pixel of a film is covered, where part i may have `pixels(i)` pixels.
     fn cover(width: u32, height: u32, pixels: impl Fn(u32) -> u32) -> Vec<u32> {
-        let mut tiles = Tiles::new(width, height);
+        let frame = Frame { width, height, ..Frame::default() };
+        let mut parts = Parts::new(width, height);
         let mut counts = vec![0; (width * height) as usize];
-        let mut i = 0;
-        while let Some(tile) = tiles.next(pixels(i), 0) {
-            assert!(tile.width * tile.height <= pixels(i).max(64), "{tile:?} of {}", pixels(i));
-            for y in tile.y..tile.y + tile.height {
-                for x in tile.x..tile.x + tile.width {
+        let (mut i, mut share, mut all) = (0, 0.0, 0);
+        while let Some((tiles, counted)) = parts.next(pixels(i), 0) {
+            assert!(counted <= pixels(i).max(PIXELS), "{tiles:?} of {}", pixels(i));
+            assert!(parts.share_done() > share);
+            share = parts.share_done();
+            let [x_groups, y_groups] = groups(tiles);
+            for invocation in 0..x_groups * y_groups * PIXELS {
+                let (group, i) = (invocation / PIXELS, invocation % PIXELS);
+                let (x, y, is_one) = pixel(&frame, &tiles, group, i % TILE_GROUP_SIZE, i / TILE_GROUP_SIZE);
+                if is_one {
                     counts[(y * width + x) as usize] += 1;
                 }
             }
+            all += counted;
             i += 1;
         }
+        assert_eq!(all, parts.pixels());
         counts
     }
 
@@ -111,47 +109,31 @@ mod tests {
     }
 
     #[test]
-    fn a_large_budget_takes_the_film_in_one_tile() {
-        let mut tiles = Tiles::new(1920, 1080);
-        let tile = tiles.next(u32::MAX, 5);
-        assert_eq!(tile, Some(Tile { x: 0, y: 0, width: 1920, height: 1080, sample: 5 }));
-        assert_eq!(tiles.next(u32::MAX, 5), None);
-        assert_eq!(tiles.share_done(), 1.0);
-    }
-
-    #[test]
-    fn what_is_left_is_one_tile_if_it_fits() {
-        // 13 rows: a band of 8, then one of 5, in one tile or in pieces of 16 columns and of the other 7.
-        for (asked, expected) in [(23 * 5, vec![[23, 5]]), (23 * 5 - 1, vec![[16, 5], [7, 5]])] {
-            let mut tiles = Tiles::new(23, 13);
-            assert_eq!(tiles.next(23 * 8, 0).map(|tile| [tile.width, tile.height]), Some([23, 8]));
-            let sizes: Vec<_> =
-                std::iter::from_fn(|| tiles.next(asked, 0)).map(|tile| [tile.width, tile.height]).collect();
-            assert_eq!(sizes, expected);
-        }
+    fn a_large_budget_takes_the_film_in_one_part_as_it_lies() {
+        let mut parts = Parts::new(1920, 1080);
+        let tiles = parts.next(u32::MAX, 5).map(|(tiles, _)| tiles);
+        assert_eq!(tiles, Some(Tiles { first: 0, count: 240 * 135, spread: 0, sample: 5 }));
+        assert_eq!(parts.next(u32::MAX, 5), None);
+        assert_eq!(parts.share_done(), 1.0);
     }
 
     #[test]
     fn films_without_pixels_have_no_tiles() {
         for (width, height) in [(0, 0), (0, 5), (5, 0)] {
-            let mut tiles = Tiles::new(width, height);
-            assert_eq!(tiles.next(100, 0), None);
-            assert_eq!(tiles.share_done(), 1.0);
+            let mut parts = Parts::new(width, height);
+            assert_eq!(parts.next(100, 0), None);
+            assert_eq!(parts.share_done(), 1.0);
         }
     }
 
     #[test]
-    fn no_tile_exceeds_the_workgroups_of_a_device() {
-        for (width, height) in [(1_000_000, 9), (9, 1_000_000)] {
-            let mut tiles = Tiles::new(width, height);
-            let (mut pixels, mut last) = (0, 0.0);
-            while let Some(tile) = tiles.next(u32::MAX, 0) {
-                assert!(groups(tile).iter().all(|&n| n <= 65_535), "{tile:?}");
-                pixels += tile.width * tile.height;
-                assert!(tiles.share_done() >= last);
-                last = tiles.share_done();
+    fn no_part_exceeds_the_workgroups_of_a_device() {
+        for (width, height) in [(16_384, 16_384), (1_000_000, 9), (9, 1_000_000)] {
+            let mut parts = Parts::new(width, height);
+            while let Some((tiles, _)) = parts.next(u32::MAX, 0) {
+                let [x, y] = groups(tiles);
+                assert!(x <= MOST_ALONG && y <= MOST_ALONG && x * y >= tiles.count, "{tiles:?}");
             }
-            assert_eq!(pixels, width * height);
         }
     }
 }
