@@ -6,7 +6,7 @@ use emboss::backend::cpu::CpuBackend;
 use emboss::backend::{Backend, BackendError};
 use emboss::render::Scene;
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
-use emboss::settings::{Method, Normals, Settings, Weld, Wrap};
+use emboss::settings::{Filter, Method, Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
@@ -16,9 +16,10 @@ use emboss_kernels::scene::Features;
 use emboss_tests::changes;
 use emboss_tests::compare::rendered;
 use emboss_tests::flat::assert_all_methods_show_the_base_mesh;
+use emboss_tests::instances::placed;
 use emboss_tests::scenes::{self, ReadyJob, VECTORS, builtin_scene};
 use emboss_tests::{Numbers, RaySource};
-use glam::{DVec2, Vec3};
+use glam::{DAffine3, DVec2, Vec3};
 
 /// The job by another method, with what the host makes of it.
 fn by(job: &ReadyJob, method: Method) -> ReadyJob {
@@ -358,6 +359,16 @@ fn what_cannot_be_stored_is_refused() {
     let auto = Settings { adaptive: Some(1.0), ..settings.clone() };
     let error = emboss::render::prepare(scenes::builtin("builtin:cube"), &auto).expect_err("auto");
     assert!(error.to_string().contains("N is auto"), "{error}");
+
+    let filtered = Settings { filter: Filter::Trilinear, ..settings.clone() };
+    let instances = placed(scenes::builtin("builtin:cube"), vec![DAffine3::IDENTITY]);
+    for (scene, settings, what) in [
+        (scenes::builtin("builtin:cube"), &filtered, "with --filter trilinear heights follow the camera"),
+        (instances, &settings, "instances have a place each"),
+    ] {
+        let error = emboss::render::prepare(scene, settings).expect_err(what).to_string();
+        assert!(error.contains(what) && error.ends_with("use --method quadtree"), "{error}");
+    }
 
     // What is stored is for one method.
     let exact = scenes::ready(scenes::builtin("builtin:cube"), Wrap::Repeat);
