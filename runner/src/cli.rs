@@ -127,9 +127,9 @@ struct RenderArgs {
     /// What the normal map's components are along [default: tangent]
     #[arg(long, value_enum, value_name = "SPACE", requires = "normal_map")]
     normal_space: Option<NormalSpace>,
-    /// Offset map that --method bump-offset reads: red and green are by how much heights, in parts of SCALE, grow from one texel
-    /// to the next, to the right and upwards; floats as they are, of integers mid-grey is 0 and white 1 [default: one made
-    /// from the height map]
+    /// Offset map that --method bump-offset reads: red and green are by how much heights, in parts of SCALE, grow
+    /// from one texel to the next, to the right and upwards; floats as they are, of integers mid-grey is 0 and white
+    /// 1 [default: one made from the height map]
     #[arg(long, value_name = "FILE")]
     offset_map: Option<PathBuf>,
     /// Choose the quickest method and N whose error on this model, measured on a small picture, is within a budget: mean FLIP
@@ -539,8 +539,8 @@ impl RenderArgs {
         Ok(destination)
     }
 
-    /// What is to be rendered, how, and with how many samples a pixel. `by_any_method`: with the maps of all methods, not of
-    /// the one alone that is asked for.
+    /// What is to be rendered, how, and with how many samples a pixel. `by_any_method`: with the maps of all methods,
+    /// not of the one alone that is asked for.
     fn read(&self, by_any_method: bool) -> Result<(Settings, Inputs, u32), CliError> {
         let model = self.model.clone().unwrap_or_default();
         let scene_file = self.scene_file(&model)?;

@@ -1,12 +1,12 @@
 //! Distance maps in files beside the height maps that they are of, so that each is computed once.
 //!
-//! `stones.png` has its own in `stones.png.repeat.cpu.emboss-distances`: how the map goes on beyond its borders, and the
-//! backend that computed it; before that `.inverted` where texels are turned upside down, and `.negative` where the scale is
-//! negative. What such a file was made of is in its key, so that one that is out of date is replaced. Maps of built-in
-//! scenes are in no file, and neither are their distances.
+//! `stones.png` has its own in `stones.png.repeat.cpu.emboss-distances`: how the map goes on beyond its borders, and
+//! the backend that computed it; before that `.inverted` where texels are turned upside down, and `.negative` where
+//! the scale is negative. What such a file was made of is in its key, so that one that is out of date is replaced.
+//! Maps of built-in scenes are in no file, and neither are their distances.
 //!
-//! A file has, little endian: [`MAGIC`]; the number of floats, 32 bits; the key, [`Key`]; SHA-256 of the floats; the floats, as
-//! [`distance_map`](emboss_kernels::relief::distance_map) orders them.
+//! A file has, little endian: eight bytes that say so, the last one its version; the number of floats, 32 bits; the
+//! key; SHA-256 of the floats; the floats, as [`distance_map`](emboss_kernels::relief::distance_map) orders them.
 
 use crate::backend::{Backend, BackendError, DeviceInfo};
 use crate::render::Job;
@@ -31,13 +31,13 @@ struct DistanceFile {
     key: Key,
 }
 
-/// SHA-256 of all that a distance map depends on: the texels as they are stored with their size, format and wrap, whether great
-/// ones are low, the kernels' sources, and the device with its driver. Devices divide and take roots by rules of their own, so that
-/// no other one's floats are the same to the bit.
+/// SHA-256 of all that a distance map depends on: the texels as they are stored with their size, format and wrap,
+/// whether great ones are low, the kernels' sources, and the device with its driver. Devices divide and take roots by
+/// rules of their own, so that no other one's floats are the same to the bit.
 type Key = [u8; 32];
 
-/// Loads a job's buffers into a backend: distance maps out of their files as far as they are there, and writes the others
-/// there once they are computed. A file that cannot be read or written is a warning.
+/// Loads a job's buffers into a backend: distance maps out of their files as far as they are there, and writes the
+/// others there once they are computed. A file that cannot be read or written is a warning.
 ///
 /// # Errors
 /// What the backend says.

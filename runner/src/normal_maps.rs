@@ -1,5 +1,5 @@
-//! The maps that two methods read beside height maps, of normals and of Blinn's offsets: made from the height maps where none
-//! is given, and only for these methods.
+//! The maps that two methods read beside height maps, of normals and of Blinn's offsets: made from the height maps
+//! where none is given, and only for these methods.
 
 use crate::heights::grown;
 use crate::render::RenderError;
@@ -67,8 +67,9 @@ impl NormalSpace {
 }
 
 impl NormalMap {
-    /// Reads a picture whose red, green and blue, from 0 to 1, are the components of a normal from -1 to 1. Outside [0,1) that
-    /// of a relief is read as `wrap` says, for want of that as the settings say; that of the settings as the height map.
+    /// Reads a picture whose red, green and blue, from 0 to 1, are the components of a normal from -1 to 1. Outside
+    /// [0,1) that of a relief is read as `wrap` says, for want of that as the settings say; that of the settings as
+    /// the height map.
     ///
     /// # Errors
     /// Where the file cannot be read, or has fewer than three channels.
@@ -80,9 +81,10 @@ impl NormalMap {
 }
 
 impl OffsetMap {
-    /// Reads a picture whose red and green are Blinn's b_u and b_v: by how much texels of the height map that it stands for grow
-    /// from one of its own texels to the next, along u (to the right) and along v (upwards). Floats are taken as they are. Of
-    /// integers the middle code, 128 of 8 bits and 32768 of 16, is 0, and the greatest is 1; code 0 counts as -1.
+    /// Reads a picture whose red and green are Blinn's b_u and b_v: by how much texels of the height map that it
+    /// stands for grow from one of its own texels to the next, along u (to the right) and along v (upwards). Floats
+    /// are taken as they are. Of integers the middle code, 128 of 8 bits and 32768 of 16, is 0, and the greatest is
+    /// 1; code 0 counts as -1.
     ///
     /// # Errors
     /// Where the file cannot be read, or has fewer than three channels.
@@ -130,8 +132,8 @@ struct Own {
     space: NormalSpace,
 }
 
-/// The words of the maps that the settings' method reads, one for each of the reliefs; none where it reads none. Those that
-/// several reliefs have stand there once.
+/// The words of the maps that the settings' method reads, one for each of the reliefs; none where it reads none.
+/// Those that several reliefs have stand there once.
 ///
 /// # Errors
 /// [`RenderError::MapsTooLarge`] where they are more than 32 bits can number.

@@ -113,8 +113,8 @@ pub fn assert_heights_change(backend: &mut dyn Backend) {
     assert!(picture(backend, &first) == before);
 }
 
-/// Distance maps that are known are taken as they are; those that are not are computed, and again where a scale changes its
-/// sign. Nothing else changes them.
+/// Distance maps that are known are taken as they are; those that are not are computed, and again where a scale
+/// changes its sign. Nothing else changes them.
 ///
 /// # Panics
 /// Where they are others.

@@ -11,8 +11,8 @@ use emboss_kernels::interface::MISS;
 /// Traces `count` rays from outside by each method.
 ///
 /// # Panics
-/// Where a method in image space finds anything else than `none`, to the bit; where hits of another one, or of one that reads
-/// distances, are off by more than rounding, or are not there.
+/// Where a method in image space finds anything else than `none`, to the bit; where hits of another one, or of one
+/// that reads distances, are off by more than rounding, or are not there.
 pub fn assert_all_methods_show_the_base_mesh(backend: &mut dyn Backend, count: usize) {
     let (mut scene, settings) = builtin_scene("builtin:cube", 4, 1, 1);
     // Texels are neither 0 nor what zero usually is.
@@ -41,8 +41,9 @@ pub fn assert_all_methods_show_the_base_mesh(backend: &mut dyn Backend, count: u
             } else {
                 let (d, n) = (ray.direction.as_dvec3(), expected.normal.as_dvec3());
                 let length = d.length() * f64::from(expected.t);
-                // Each of the two distances is off by 12 u of itself, and corners by some 12 u of their coordinates, as seen along
-                // the ray; solutions of inverse mapping by no more. Twice that, for rays that come from elsewhere.
+                // Each of the two distances is off by 12 u of itself, and corners by some 12 u of their coordinates,
+                // as seen along the ray; solutions of inverse mapping by no more. Twice that, for rays that come from
+                // elsewhere.
                 let bound = 2.0 * 2.0 * 12.0 * 6e-8 * (length + extent);
                 let off = f64::from(found.t - expected.t).abs() * d.dot(n).abs();
                 assert!(off < bound, "{method}: {off} of {bound}, {ray:?}\n{expected:?}\n{found:?}");

@@ -271,8 +271,8 @@ fn flat_maps_show_the_base_mesh() {
     assert_all_methods_show_the_base_mesh(&mut CpuBackend::new(), 1000);
 }
 
-/// The waves over one triangle: what they would be beyond its edges is not there, however a ray comes by. Rays cross them
-/// there first, or below the triangle's side, and go on.
+/// The waves over one triangle: what they would be beyond its edges is not there, however a ray comes by. Rays cross
+/// them there first, or below the triangle's side, and go on.
 #[test]
 fn inverse_finds_nothing_beyond_the_edges() {
     let (waves_f64, mut numbers) = (Waves::new(), Numbers::new(21));

@@ -54,8 +54,8 @@ pub struct SceneBuffers {
     /// Maps of normals or of offsets, where the method reads them: see
     /// [`normal_texels`](emboss_kernels::relief::normal_texels).
     pub normal_texels: Vec<u32>,
-    /// The distance map of each displacement that is known already, [`WORDS`] floats; what is not is computed where the method
-    /// reads it.
+    /// The distance map of each displacement that is known already, [`WORDS`] floats; what is not is computed where
+    /// the method reads it.
     pub distances: Vec<Option<Vec<f32>>>,
     /// Where meshes stand; none where each triangle stands once, as it is. See [`instances`].
     pub instances: Vec<Instance>,
@@ -590,7 +590,8 @@ pub trait Backend {
     /// [`instances`].
     fn bvh(&mut self) -> Result<Bvh, BackendError>;
 
-    /// The distance maps of the loaded scene, known or computed, one behind the other; none where its method reads none.
+    /// The distance maps of the loaded scene, known or computed, one behind the other; none where its method reads
+    /// none.
     fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError>;
 
     /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
@@ -598,9 +599,10 @@ pub trait Backend {
     /// heights) is not read. Film and counters are cleared; nothing is built.
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
 
-    /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed, and
-    /// the range of heights, which has to follow them. Film and counters are cleared; heights and boxes are computed anew, also
-    /// distance maps of scales that change their sign, and the BVH gets these boxes or, where it does not suit them, is built anew.
+    /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed,
+    /// and the range of heights, which has to follow them. Film and counters are cleared; heights and boxes are
+    /// computed anew, also distance maps of scales that change their sign, and the BVH gets these boxes or, where it
+    /// does not suit them, is built anew.
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the

@@ -89,8 +89,8 @@ pub struct Relief {
     pub scale: f32,
     /// How the map is read outside [0,1); `None`: as the settings say.
     pub wrap: Option<Wrap>,
-    /// How the names of the files begin that keep what is computed of the map: with its own; `None`: nothing is kept. See
-    /// [`distance_files`](crate::distance_files).
+    /// How the names of the files begin that keep what is computed of the map: with its own; `None`: nothing is kept.
+    /// See [`distance_files`](crate::distance_files).
     pub stem: Option<PathBuf>,
     /// What `--method normal-map` lights it by; `None`: as the settings say, else by a map that is made from this one.
     pub normal_map: Option<NormalMap>,
