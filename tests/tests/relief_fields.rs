@@ -276,7 +276,8 @@ fn flat_maps_show_the_base_mesh() {
 #[test]
 fn inverse_finds_nothing_beyond_the_edges() {
     let (waves_f64, mut numbers) = (Waves::new(), Numbers::new(21));
-    let mut scene = waves(256);
+    // Few steps, so that many a one goes past an edge: 0.1 at the most.
+    let mut scene = waves(24);
     let corners: Vec<Vertex> = scene.mesh.vertices.iter().copied().take(4).collect();
     scene.mesh = Mesh::from_triangles(&corners, &[[0, 1, 2]]);
     let points: Vec<_> = scene.mesh.vertices.iter().map(|v| v.position.as_dvec3().truncate()).collect();
@@ -293,7 +294,7 @@ fn inverse_finds_nothing_beyond_the_edges() {
     let mut backend = CpuBackend::new();
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
     let (mut first_beyond, mut missed) = (0, 0);
-    for _ in 0..400 {
+    for _ in 0..1500 {
         let target = middle.as_vec2().extend(0.0)
             + Vec3::new(numbers.between(-0.6, 0.6), numbers.between(-0.6, 0.6), numbers.between(0.0, 0.15));
         let angle = numbers.between(0.0, std::f32::consts::TAU);
@@ -317,9 +318,9 @@ fn inverse_finds_nothing_beyond_the_edges() {
             }
         }
         let depth = |t: f64| inside(at(t).truncate());
-        // What is within a thousandth of an edge, or grazes the waves, may be found or not.
+        // What is within a thousandth of an edge may be found or not, and so may two crossings within a step.
         let is_clear = crossings.iter().all(|&t| depth(t).abs() > 1e-3)
-            && crossings.windows(2).all(|pair| pair[1] - pair[0] > 0.05);
+            && crossings.windows(2).all(|pair| pair[1] - pair[0] > 0.1);
         let expected = crossings.iter().find(|&&t| depth(t) > 0.0);
         let found = backend.trace_rays(&[ray]).expect("the CPU does not fail")[0];
         if !is_clear {
@@ -328,8 +329,8 @@ fn inverse_finds_nothing_beyond_the_edges() {
         match expected {
             Some(&t) => {
                 first_beyond += usize::from(depth(crossings[0]) < 0.0);
-                // As `share_wrong` has it.
-                assert!((f64::from(found.t) - t).abs() < 1e-5, "{ray:?}: {t} {found:?}");
+                // Cut to 1/256 of a step, a tenth of a texel, where the waves are nearly straight.
+                assert!((f64::from(found.t) - t).abs() < 1e-4, "{ray:?}: {t} {found:?}");
             }
             None => {
                 missed += usize::from(!crossings.is_empty());
