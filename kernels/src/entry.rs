@@ -1,4 +1,8 @@
 //! The entry points: bind, index, call, store; no logic.
+//!
+//! Each that needs a scene lists all bindings of one, and puts them into a [`SceneView`] by itself. A function in its
+//! place would take as many lines for its arguments, since rust-gpu makes no empty slices for what a kernel does
+//! without, and a macro does not see names that it is not given.
 #![expect(
     clippy::too_many_arguments,
     reason = "an entry point takes one argument per binding and specialisation constant"

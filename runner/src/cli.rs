@@ -17,7 +17,7 @@ use crate::backend::{Backend, BackendError, DeviceInfo, DeviceKind};
 use crate::bench::build::BenchError;
 use crate::compare::CompareError;
 use crate::framing::View;
-use crate::normal_maps::{NormalMap, NormalSpace};
+use crate::normal_maps::{NormalMap, NormalSpace, OffsetMap};
 use crate::picture::{Destination, PictureError, PictureFormat};
 use crate::render::{Cuts, RenderError, Rendering, check_memory, load, prepare, render};
 use crate::scene::SceneError;
@@ -121,12 +121,17 @@ struct RenderArgs {
     #[arg(long, value_enum)]
     method: Option<Method>,
     /// Normal map that --method normal-map reads: red, green and blue from 0 to 1 are components from -1 to 1, green upwards
-    /// [default: one made from the height map]
+    /// [default: what each material's norm names, else one made from the height map]
     #[arg(long, value_name = "FILE")]
     normal_map: Option<PathBuf>,
     /// What the normal map's components are along [default: tangent]
     #[arg(long, value_enum, value_name = "SPACE", requires = "normal_map")]
     normal_space: Option<NormalSpace>,
+    /// Offset map that --method bump-offset reads: red and green are by how much heights, in parts of SCALE, grow
+    /// from one texel to the next, to the right and upwards; floats as they are, of integers mid-grey is 0 and white
+    /// 1 [default: one made from the height map]
+    #[arg(long, value_name = "FILE")]
+    offset_map: Option<PathBuf>,
     /// Choose the quickest method and N whose error on this model, measured on a small picture, is within a budget: mean FLIP
     /// from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
     #[arg(long, value_name = "BUDGET", value_parser = values::flip)]
@@ -201,6 +206,9 @@ struct RenderArgs {
     /// How colour maps are read [default: bilinear]
     #[arg(long, value_enum)]
     filter: Option<Filter>,
+    /// Keep nothing beside the maps, and read nothing kept there: --method sphere computes its distance maps each time
+    #[arg(long)]
+    no_cache: bool,
     /// Turn the height map upside down: white is low
     #[arg(long)]
     invert: bool,
@@ -238,6 +246,8 @@ enum CliError {
     DeviceWithCpu,
     #[error("--normal-map is read by --method normal-map alone, not by {0}; leave one of them out")]
     NormalMapOfNothing(Method),
+    #[error("--offset-map is read by --method bump-offset alone, not by {0}; leave one of them out")]
+    OffsetMapOfNothing(Method),
     #[error("--stats and --output name the same file, {}; give them different names", .0.display())]
     StatsOverPicture(PathBuf),
     #[error("--stats counts the work of a whole picture; leave it out, or use `emboss render`")]
@@ -292,6 +302,7 @@ impl CliError {
             CliError::DepthWithoutPng(_)
             | CliError::DeviceWithCpu
             | CliError::NormalMapOfNothing(_)
+            | CliError::OffsetMapOfNothing(_)
             | CliError::StatsOverPicture(_)
             | CliError::StatsOfView
             | CliError::QualityWithChoice
@@ -452,7 +463,7 @@ impl RenderArgs {
     fn run(mut self) -> Result<(), CliError> {
         self.check_quality()?;
         if let Some(method) = self.method {
-            self.check_normal_map(method)?;
+            self.check_own_maps(method)?;
         }
         let destination = self.destination()?;
         destination.check()?;
@@ -464,11 +475,11 @@ impl RenderArgs {
         }
         let interrupt = Interrupt::install();
         let mut backend = self.open_backend()?;
-        let (mut settings, mut inputs, samples) = self.read()?;
+        let (mut settings, mut inputs, samples) = self.read(false)?;
         if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, Some(&interrupt))? {
-            (settings, inputs, _) = self.read()?;
+            (settings, inputs, _) = self.read(false)?;
         }
-        self.check_normal_map(settings.method)?;
+        self.check_own_maps(settings.method)?;
         self.report(&inputs);
         let scene = inputs.scene;
         let used = SettingsUsed::new(&settings, samples, &scene);
@@ -528,24 +539,29 @@ impl RenderArgs {
         Ok(destination)
     }
 
-    /// What is to be rendered, how, and with how many samples a pixel.
-    fn read(&self) -> Result<(Settings, Inputs, u32), CliError> {
+    /// What is to be rendered, how, and with how many samples a pixel. `by_any_method`: with the maps of all methods,
+    /// not of the one alone that is asked for.
+    fn read(&self, by_any_method: bool) -> Result<(Settings, Inputs, u32), CliError> {
         let model = self.model.clone().unwrap_or_default();
         let scene_file = self.scene_file(&model)?;
         let mut settings = self.settings(scene_file.as_ref());
         let samples = self.samples.or(scene_file.as_ref().and_then(|scene| scene.samples)).unwrap_or(SAMPLES);
         check_memory(&settings)?;
         if let Some(path) = &self.normal_map {
-            settings.normal_map = Some(NormalMap::load(path, self.normal_space.unwrap_or_default())?);
+            settings.normal_map = Some(NormalMap::load(path, self.normal_space.unwrap_or_default(), None)?);
         }
-        let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings)?;
+        settings.offset_map = self.offset_map.as_deref().map(OffsetMap::load).transpose()?;
+        let reads_normals = by_any_method || self.quality.is_some() || settings.method == Method::NormalMap;
+        let inputs = self.inputs(&model, scene_file.as_ref(), &mut settings, reads_normals)?;
         Ok((settings, inputs, samples))
     }
 
-    /// Refuses a normal map that nothing reads.
-    fn check_normal_map(&self, method: Method) -> Result<(), CliError> {
+    /// Refuses maps of normals and of offsets that nothing reads.
+    fn check_own_maps(&self, method: Method) -> Result<(), CliError> {
         if self.normal_map.is_some() && method != Method::NormalMap {
             return Err(CliError::NormalMapOfNothing(method));
+        } else if self.offset_map.is_some() && method != Method::BumpOffset {
+            return Err(CliError::OffsetMapOfNothing(method));
         }
         Ok(())
     }
@@ -574,6 +590,7 @@ impl RenderArgs {
             method: self.method.unwrap_or(base.method),
             // Read later, since that may fail.
             normal_map: None,
+            offset_map: None,
             displacement: self.displacement.unwrap_or(base.displacement),
             adaptive: base.adaptive,
             normals: self.normals.unwrap_or(base.normals),
@@ -610,6 +627,7 @@ impl RenderArgs {
         model: &ModelArgument,
         scene: Option<&SceneFile>,
         settings: &mut Settings,
+        reads_normals: bool,
     ) -> Result<Inputs, CliError> {
         let inputs = inputs::load(&inputs::Request {
             model,
@@ -621,6 +639,9 @@ impl RenderArgs {
             exaggeration: self.exaggerate.unwrap_or(1.0),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
             invert: self.invert,
+            normal_map: self.normal_map.as_deref(),
+            reads_normals,
+            cache: !self.no_cache,
             wrap: self.wrap,
             displacement: self.displacement,
             channels: self.channels,

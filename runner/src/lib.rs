@@ -7,6 +7,7 @@ pub mod bvh;
 pub mod cli;
 pub mod colors;
 pub mod compare;
+pub mod distance_files;
 pub mod framing;
 pub mod height_levels;
 pub mod heights;

@@ -4,6 +4,7 @@
 use crate::backend::{Backend, BackendError, SceneBuffers, Totals};
 use crate::bvh::HostAabb;
 use crate::colors::Colors;
+use crate::distance_files;
 use crate::framing::{self, Framing, FramingError, View};
 use crate::height_levels::texel_scales;
 use crate::heights::{self, Heights, Reading};
@@ -20,6 +21,7 @@ use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use std::borrow::Cow;
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// A mesh with its maps, and how height maps displace it.
@@ -56,6 +58,8 @@ pub struct Job {
     pub view: View,
     /// The lights that were asked for; without any the camera has a key light.
     pub lights: Vec<Light>,
+    /// [`Relief::stem`] of each displacement.
+    pub stems: Vec<Option<PathBuf>>,
 }
 
 impl Job {
@@ -289,7 +293,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     check_texels(&reliefs)?;
     let normal_texels = normal_maps::pack(settings, &mesh, &reliefs)?;
     let along_tangents =
-        settings.displacement == DisplacementKind::Tangent || normal_maps::needs_tangents(settings);
+        settings.displacement == DisplacementKind::Tangent || normal_maps::needs_tangents(settings, &reliefs);
     let tangents = if along_tangents { mesh.split_by_tangents() } else { Vec::new() };
     let seams = match settings.weld {
         // Nothing that methods in image space do needs them.
@@ -297,6 +301,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         Weld::On | Weld::Off => SeamTable::default(),
     };
     let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
+    let stems = reliefs.iter().map(|relief| relief.stem.clone()).collect();
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),
@@ -352,12 +357,12 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         instances,
         ..SceneBuffers::default()
     };
-    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone() })
+    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone(), stems })
 }
 
 /// Loads a job, and looks at what the backend makes of it as was asked for: then the job has its camera and lights.
 pub fn load(backend: &mut dyn Backend, job: &mut Job) -> Result<(), RenderError> {
-    backend.load(&job.buffers, &job.frame, job.features)?;
+    distance_files::load(backend, job)?;
     job.frame_view(&backend.prism_boxes()?)?;
     backend.set_view(&job.frame, &job.buffers.lights)?;
     Ok(())

@@ -1,7 +1,7 @@
 //! What a user can choose about a picture, apart from the model.
 
 use crate::framing::View;
-use crate::normal_maps::NormalMap;
+use crate::normal_maps::{NormalMap, OffsetMap};
 use crate::render::Scene;
 use clap::ValueEnum;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
@@ -473,6 +473,8 @@ pub struct Settings {
     pub method: Method,
     /// What [`Method::NormalMap`] reads. `None`: what is made from the height maps.
     pub normal_map: Option<NormalMap>,
+    /// The offset map of [`Method::BumpOffset`]; `None`: it is made from the height map.
+    pub offset_map: Option<OffsetMap>,
     /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis each
     /// (tangent, bitangent, normal; x, y, z), and triangles name the first.
     ///
@@ -537,6 +539,7 @@ impl Default for Settings {
             height: 720,
             method: Method::Quadtree,
             normal_map: None,
+            offset_map: None,
             displacement: DisplacementKind::Height,
             adaptive: None,
             normals: Normals::Normalized,

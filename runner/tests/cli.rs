@@ -370,6 +370,116 @@ fn normal_map_stands_in_for_a_missing_colour_map_only() {
     assert!(run.stdout.contains("color.png  (from the materials)"), "{}", run.stdout);
 }
 
+/// Maps of one texel, whose normals are along the surface's, along its tangent, and along its bitangent.
+fn with_normal_maps(place: Place) -> Place {
+    for (name, normal) in
+        [("up.png", [128, 128, 255]), ("u.png", [255, 128, 128]), ("v.png", [128, 255, 128])]
+    {
+        image::RgbImage::from_pixel(1, 1, image::Rgb(normal)).save(place.path(name)).expect("written");
+    }
+    place
+}
+
+/// Each material is lit by its own normal map, all of them by that of the command line; no other method reads any.
+#[test]
+fn materials_bring_their_normal_maps() {
+    let library = "newmtl a\nmap_Kd up.png\nnorm -clamp on u.png\nnewmtl b\nmap_Kd up.png\nmap_Kn v.png\n";
+    let place = with_normal_maps(Place::new().with("two.obj", TWO_MATERIALS).with("two.mtl", library));
+    let render = |more: &[&str]| {
+        let common = ["two.obj", "--method=normal-map", "--shade=normal", "--eye=2,0.5,9"];
+        let run = place.render(&[&common, more].concat()).succeeded();
+        (run, halves(&place.path("out.png")))
+    };
+    let (of_u, of_v) = (render(&["--normal-map=u.png"]).1[0], render(&["--normal-map=v.png"]).1[0]);
+    assert!(of_u[0] > of_u[1] + 50 && of_v[1] > of_v[0] + 50, "{of_u:?} {of_v:?}");
+    let (run, shown) = render(&[]);
+    assert_eq!(shown, [of_u, of_v]);
+    assert!(run.stdout.contains("normal u.png, v.png  (from the materials)"), "{}", run.stdout);
+    let (run, shown) = render(&["--normal-map=v.png"]);
+    assert_eq!(shown, [of_v, of_v]);
+    assert!(run.stdout.contains("normal v.png  (given)"), "{}", run.stdout);
+
+    // One that is missing is a warning, where it is read.
+    let place = place.with("two.mtl", library.replace("v.png", "w.png"));
+    let command = ["two.obj", "--shade=normal", "--eye=2,0.5,9"];
+    let run = place.render(&[&command[..], &["--method=normal-map"]].concat()).succeeded();
+    assert!(run.stderr.contains("w.png: the materials name this map, but it is not there"), "{}", run.stderr);
+    assert!(run.stdout.contains("normal u.png, made from the height map"), "{}", run.stdout);
+    let up = halves(&place.path("out.png"))[1];
+    assert!(up[2] > up[0] + 50 && up[2] > up[1] + 50, "{up:?}");
+    let run = place.render(&command).succeeded();
+    assert!(
+        !run.stderr.contains("w.png") && !run.stdout.contains("normal "),
+        "{} {}",
+        run.stderr,
+        run.stdout
+    );
+    assert_eq!(halves(&place.path("out.png")), [up, up]);
+}
+
+/// A scene file's normal map goes before the model's own; what is wrong with it names the line.
+#[test]
+fn scene_files_name_normal_maps() {
+    let scene = "[render]\nmethod = \"normal-map\"\nshade = \"normal\"\n[camera]\neye = [2, 0.5, 9]\n\
+        [material.one]\nnormal = \"v.png\"\n[material.two]\nnormal = \"none\"\n\
+        [[model]]\npath = \"two.obj\"\nmaterial = { a = \"one\", b = \"two\" }\n";
+    let library = "newmtl a\nKd 1 1 1\nnorm u.png\nnewmtl b\nKd 1 1 1\nnorm u.png\n";
+    let place = with_normal_maps(Place::new().with("two.obj", TWO_MATERIALS).with("two.mtl", library));
+    let place = place.with("scene.toml", scene);
+    let run = place.render(&["scene.toml"]).succeeded();
+    assert!(
+        run.stdout.contains("normal ") && run.stdout.contains("v.png, made from the height map"),
+        "{}",
+        run.stdout
+    );
+    let [v, up] = halves(&place.path("out.png"));
+    assert!(v[1] > v[0] + 50 && up[2] > up[1] + 50, "{v:?} {up:?}");
+    // In world space red is along x, wherever the tangents are.
+    let world = scene.replace("\"v.png\"", "\"u.png\"\nnormal_space = \"world\"");
+    let place = place.with("scene.toml", world);
+    place.render(&["scene.toml"]).succeeded();
+    let [x, _] = halves(&place.path("out.png"));
+    assert!(x[0] > x[1] + 50, "{x:?}");
+    let place = place.with("scene.toml", scene.replace("v.png", "two.obj"));
+    place.render(&["scene.toml"]).failed(1, &["scene.toml:6: ", "two.obj: not an image"]);
+}
+
+/// The distance map of a height map is kept beside it, and read from there; neither with `--no-cache`.
+#[test]
+fn distance_maps_are_kept_beside_their_maps() {
+    let place = Place::new().with("model.obj", TRIANGLE);
+    let texels = (0..64_u8).map(|i| i.wrapping_mul(37)).collect();
+    let map = image::GrayImage::from_raw(8, 8, texels).expect("64 codes");
+    map.save(place.path("h.png")).expect("written");
+    let render = |more: &[&str]| {
+        let arguments = ["model.obj", "none", "h.png", "-", "-", "16", "--method=sphere", "--verbose"];
+        place.render(&[&arguments, more].concat()).succeeded()
+    };
+    let file = "h.png.repeat.cpu.emboss-distances";
+    render(&["--no-cache"]);
+    assert_eq!(place.files(), ["h.png", "model.obj", "out.png"]);
+    let first = place.texels("out.png");
+    let run = render(&[]);
+    assert!(run.stderr.contains(&format!("{file}: distances computed and kept")), "{}", run.stderr);
+    assert_eq!(place.files(), ["h.png", file, "model.obj", "out.png"]);
+    assert_eq!(place.texels("out.png"), first);
+    let run = render(&["--exaggerate=2"]);
+    assert!(run.stderr.contains(&format!("{file}: distances read")), "{}", run.stderr);
+    // Other files, since they are other distances.
+    render(&["--invert"]);
+    render(&["--exaggerate=-1", "--wrap=mirror"]);
+    let others = ["h.png.inverted.repeat.cpu.emboss-distances", "h.png.negative.mirror.cpu.emboss-distances"];
+    assert_eq!(place.files(), ["h.png", others[0], others[1], file, "model.obj", "out.png"]);
+    let place = place.with(file, "no distances");
+    let run = place.render(&["model.obj", "none", "h.png", "-", "-", "16", "--method=sphere"]).succeeded();
+    assert!(
+        run.stderr.contains(&format!("{file}: is no distance map; distances are computed")),
+        "{}",
+        run.stderr
+    );
+    assert_eq!(place.texels("out.png"), first);
+}
+
 #[test]
 fn models_beyond_what_floats_compute_with_are_refused() {
     for (factor, place) in [("e25", Place::new()), ("e38", Place::new()), ("e-25", Place::new())] {
@@ -785,7 +895,7 @@ fn a_vector_map_of_one_channel_is_refused() {
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 30] = [
+    let cases: [(&[&str], &str); 31] = [
         (&["-", "-", "-", "-", "-", "0"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -814,6 +924,7 @@ fn impossible_options_are_usage_errors() {
         (&["builtin:mushroom", "--method=relief"], "use --method quadtree"),
         (&["--method=bump", "--normal-map=n.png"], "--normal-map is read by --method normal-map alone"),
         (&["--method=normal-map", "--normal-space=world"], "--normal-map"),
+        (&["--method=bump", "--offset-map=o.png"], "--offset-map is read by --method bump-offset alone"),
         (&["--depth=16", "--output=a.exr"], "leave --depth out"),
         (&["--output=a.jpg"], ".png or .exr"),
     ];

@@ -7,9 +7,10 @@ use emboss::bvh::Bvh;
 use emboss::framing::View;
 use emboss::picture::Picture;
 use emboss::render::{Job, render};
-use emboss::scene::Relief;
+use emboss::scene::{HeightMap, Relief};
 use emboss::settings::{Light, Method, Settings, Shade};
 use emboss_kernels::interface::counter;
+use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec3;
 use std::ops::ControlFlow;
@@ -110,6 +111,50 @@ pub fn assert_heights_change(backend: &mut dyn Backend) {
     }
     backend.set_displacements(&first.buffers.displacements).expect("the heights are sound");
     assert!(picture(backend, &first) == before);
+}
+
+/// Distance maps that are known are taken as they are; those that are not are computed, and again where a scale
+/// changes its sign. Nothing else changes them.
+///
+/// # Panics
+/// Where they are others.
+pub fn assert_distances_are_kept(backend: &mut dyn Backend) {
+    let sphere = |scale: f32| {
+        let (mut scene, mut settings) = builtin_scene("builtin:cube", 8, 48, 32);
+        settings.method = Method::Sphere;
+        let other = Relief::new(HeightMap::flat(0.5), 0.5, 1.0);
+        scene.reliefs.push(other);
+        scene.reliefs[0].scale *= scale;
+        (*job(scene, &settings)).clone()
+    };
+    let maps = |backend: &mut dyn Backend, job: &Job| {
+        backend.load(&job.buffers, &job.frame, job.features).expect("the cube fits");
+        backend.distance_maps().expect("no device fails")
+    };
+    let (mut first, turned) = (sphere(1.0), sphere(-1.0));
+    let (computed, downwards) = (maps(backend, &first), maps(backend, &turned));
+    let (of_first, of_second) = computed.split_at(WORDS as usize);
+    assert_eq!(of_second.len(), WORDS as usize);
+    assert!(of_first.iter().any(|&x| x > 1.0) && of_first != &downwards[..WORDS as usize]);
+    let known: Vec<f32> = of_first.iter().map(|x| x + 0.5).collect();
+    for second_is_known in [false, true] {
+        let second = second_is_known.then(|| of_second.to_vec());
+        first.buffers.distances = vec![Some(known.clone()), second];
+        let taken = maps(backend, &first);
+        assert!(taken[..WORDS as usize] == known && &taken[WORDS as usize..] == of_second);
+    }
+    let mut change = |displaced: &Job| {
+        backend.set_displacements(&displaced.buffers.displacements).expect("the heights are sound");
+        backend.distance_maps().expect("no device fails")
+    };
+    let mut higher = sphere(3.0);
+    higher.buffers.displacements[0].zero += 0.25;
+    assert!(change(&higher)[..WORDS as usize] == known);
+    assert!(change(&turned) == downwards);
+    assert!(change(&first) == computed);
+    first.buffers.distances = vec![Some(vec![0.0; 3])];
+    let error = backend.load(&first.buffers, &first.frame, first.features).expect_err("three floats");
+    assert!(error.to_string().contains("a distance map"), "{error}");
 }
 
 /// Other methods, ways to shade, shadows or none.

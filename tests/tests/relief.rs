@@ -3,16 +3,18 @@
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::framing::View;
+use emboss::normal_maps::OffsetMap;
 use emboss::render::{RenderError, Scene, prepare};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{DisplacementKind, Light, Method, Settings, Shade};
-use emboss_kernels::interface::{Intersection, MISS, Ray, Vertex, height_format};
+use emboss_kernels::interface::{Intersection, Ray, Vertex, height_format};
+use emboss_tests::Numbers;
 use emboss_tests::compare::rendered;
 use emboss_tests::instances::{placed, rotation, world_ray};
-use emboss_tests::scenes::{IMAGE_SPACE, builtin, builtin_scene, job};
-use emboss_tests::{Numbers, RaySource};
+use emboss_tests::scenes::{IMAGE_SPACE, builtin_scene, job};
 use glam::{DAffine3, DVec2, DVec3, Vec3, Vec4};
 use std::f64::consts::TAU;
+use std::path::Path;
 
 /// Texels of a side of the waves' map.
 const SIDE: u32 = 1024;
@@ -91,28 +93,37 @@ fn steep_rays(count: usize) -> Vec<Ray> {
 }
 
 fn hits(scene: Scene, method: Method, rays: &[Ray]) -> Vec<Intersection> {
-    let job = job(scene, &Settings { method, width: 1, height: 1, ..Settings::default() });
+    hits_with(scene, Settings { method, ..Settings::default() }, rays)
+}
+
+fn hits_with(scene: Scene, settings: Settings, rays: &[Ray]) -> Vec<Intersection> {
+    let job = job(scene, &Settings { width: 1, height: 1, ..settings });
     let mut backend = CpuBackend::new();
     backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
     backend.trace_rays(rays).expect("the CPU does not fail")
 }
 
-/// The mean and the greatest distance in height between hits of a method and the waves, by N.
-fn errors(method: Method, n: u32) -> (f64, f64) {
+/// How far in height hits of a method are behind where their rays meet the waves, by N.
+fn signed_errors(method: Method, n: u32) -> Vec<f64> {
     let scene = Scene { subdivisions: n, ..waves() };
     let texels = scene.reliefs[0].map.texels.clone();
     let rays = steep_rays(400);
     let found = hits(scene, method, &rays);
     let error = |(ray, hit): (&Ray, &Intersection)| {
         // Directions have a height of 1.
-        let error = (f64::from(hit.t) - root(&texels, ray)).abs();
+        let error = f64::from(hit.t) - root(&texels, ray);
         // It is the point of the ray, and where the map is read.
         let point = ray.origin + ray.direction * hit.t;
         assert!(point.distance(hit.point) < 1e-6, "{ray:?} {hit:?}");
         assert!((point.x - hit.u).abs().max((point.y - hit.v).abs()) < 1e-6, "{ray:?} {hit:?}");
         error
     };
-    let errors: Vec<f64> = rays.iter().zip(&found).map(error).collect();
+    rays.iter().zip(&found).map(error).collect()
+}
+
+/// The mean and the greatest distance between them.
+fn errors(method: Method, n: u32) -> (f64, f64) {
+    let errors: Vec<f64> = signed_errors(method, n).into_iter().map(f64::abs).collect();
     (errors.iter().sum::<f64>() / errors.len() as f64, errors.iter().copied().fold(0.0, f64::max))
 }
 
@@ -130,10 +141,12 @@ fn layer(n: u32) -> f64 {
 #[test]
 fn steep_converges_by_the_layer() {
     for n in LAYERS {
-        let (mean, greatest) = errors(Method::Steep, n);
-        assert!(greatest < layer(n) + ROUNDING, "N = {n}: {greatest}");
+        let errors = signed_errors(Method::Steep, n);
+        // Never in front of the waves.
+        let is_behind = |&error: &f64| error > -ROUNDING && error < layer(n) + ROUNDING;
+        assert!(errors.iter().all(is_behind), "N = {n}: {errors:?}");
         // The mean of 400 such places is off by 3 % (its standard deviation times two).
-        let share = mean / layer(n);
+        let share = errors.iter().sum::<f64>() / errors.len() as f64 / layer(n);
         assert!((0.46..0.54).contains(&share), "N = {n}: {share} of a layer");
     }
 }
@@ -178,24 +191,6 @@ fn the_exact_method_converges_to_the_same_waves() {
 
 fn errors_of_exact(n: u32) -> (f64, f64) {
     errors(Method::Quadtree, n)
-}
-
-/// Where heights are 0 all over there is nothing to see of a method, to the bit.
-#[test]
-fn flat_maps_show_the_base_mesh() {
-    let flat = || {
-        let mut scene = builtin("builtin:knot");
-        scene.reliefs = vec![Relief::new(HeightMap { width: 1, ..HeightMap::flat(0.0) }, 0.0, 0.3)];
-        Scene { subdivisions: 7, ..scene }
-    };
-    let ready = job(flat(), &Settings::default());
-    let mut source = RaySource::new(&ready, 3);
-    let rays: Vec<Ray> = (0..2000).map(|_| source.from_outside()).collect();
-    let expected = hits(flat(), Method::None, &rays);
-    assert!(expected.iter().filter(|hit| hit.primitive != MISS).count() > 500);
-    for method in IMAGE_SPACE {
-        assert_eq!(hits(flat(), method, &rays), expected, "{method}");
-    }
 }
 
 /// Whatever a method finds, it is seen where the base mesh is, and nowhere else.
@@ -279,6 +274,128 @@ fn maps_made_from_heights_lean_as_these_do() {
             );
         }
     }
+}
+
+/// An offset map out of a file shows what the one does that is made from the heights: floats to the bit, 16 bits to
+/// half a code of each texel.
+#[test]
+fn offset_maps_are_what_heights_grow_by() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = waves();
+    let map = &scene.reliefs[0].map;
+    let texel = |x: u32, y: u32| map.texel(x % SIDE, y % SIDE);
+    let offsets = |x: u32, y: u32| {
+        let (along_row, down) =
+            (texel(x + 1, y) - texel(x + SIDE - 1, y), texel(x, y + 1) - texel(x, y + SIDE - 1));
+        [0.5 * along_row, -0.5 * down, 0.0]
+    };
+    let floats = image::Rgb32FImage::from_fn(SIDE, SIDE, |x, y| image::Rgb(offsets(x, y)));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "codes from 1 to 65535")]
+    let code = |offset: f32| (32768.0 + f64::from(offset) * 32767.0).round() as u16;
+    let codes = image::ImageBuffer::from_fn(SIDE, SIDE, |x, y| image::Rgb(offsets(x, y).map(code)));
+    let [exr, png] = ["offsets.exr", "offsets.png"].map(|name| folder.path().join(name));
+    floats.save(&exr).expect("writable");
+    codes.save(&png).expect("writable");
+    let rays = steep_rays(300);
+    let by = |path: Option<&Path>| {
+        let offset_map = path.map(|path| OffsetMap::load(path).expect("a picture"));
+        hits_with(waves(), Settings { method: Method::BumpOffset, offset_map, ..Settings::default() }, &rays)
+    };
+    let (made, of_floats, of_codes) = (by(None), by(Some(&exr)), by(Some(&png)));
+    assert!(made.iter().any(|hit| hit.normal.truncate().length() > 0.3), "waves that lean");
+    assert_eq!(made, of_floats);
+    // Half a code either way in u and in v, over SIDE texels a unit; normals turn by no more than slopes grow.
+    let bound = 2.0_f32.sqrt() * 0.5 / 32767.0 * SIDE as f32 * HEIGHT + 1e-6;
+    let off = made.iter().zip(&of_codes).map(|(a, b)| a.normal.distance(b.normal)).fold(0.0, f32::max);
+    assert!(off < bound && off > 0.05 * bound, "{off} of {bound}");
+}
+
+/// By hand: offsets that are the same everywhere, of a map of another size than that of heights, which displaces by 2.
+#[test]
+fn offset_maps_have_texels_of_their_own() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("offsets.exr");
+    image::Rgb32FImage::from_pixel(10, 20, image::Rgb([0.03, -0.01, 0.5])).save(&path).expect("writable");
+    let mut scene = waves();
+    scene.reliefs[0].scale = 2.0;
+    let settings = Settings {
+        method: Method::BumpOffset,
+        offset_map: Some(OffsetMap::load(&path).expect("a picture")),
+        ..Settings::default()
+    };
+    // 0.03 * 10 * 2 along u, -0.01 * 20 * 2 along v.
+    let normal = Vec3::new(-0.6, 0.4, 1.0).normalize();
+    for hit in hits_with(scene, settings, &steep_rays(50)) {
+        assert!(hit.normal.distance(normal) < 1e-6, "{hit:?}");
+    }
+}
+
+/// A floor with a wall across it, 0.3 high, between x = 0.625 and 0.6875.
+fn wall() -> Scene {
+    let texels = (0..64 * 64).map(|i| f32::from(u8::from((40..44).contains(&(i % 64)))).to_bits()).collect();
+    let map = HeightMap {
+        width: 64,
+        height: 64,
+        format: height_format::FLOAT32,
+        texels,
+        range: (0.0, 1.0),
+        replaced: 0,
+    };
+    Scene { reliefs: vec![Relief::new(map, 0.0, 0.3)], subdivisions: 64, ..waves() }
+}
+
+/// What rises behind a light does not shadow it, what rises before it does: along one direction over the floor there
+/// are a light, the wall, and another light.
+#[test]
+fn relief_behind_a_light_casts_no_shadow() {
+    let floor = Vec3::new(0.3, 0.5, 0.0);
+    let toward = Vec3::new(1.0, 0.0, 0.25);
+    let lit = |method, distance: f32, shadows| {
+        let light = Light { position: floor + toward * distance, color: Vec3::ONE, intensity: Some(1.0) };
+        let view = View {
+            eye: Some(floor + Vec3::Z * 2.0),
+            target: Some(floor),
+            up: Some(Vec3::Y),
+            fov: 0.1,
+            ..View::default()
+        };
+        let (width, height, ambient) = (1, 1, 0.0);
+        let lights = vec![light];
+        let settings =
+            Settings { method, view, lights, shadows, width, height, ambient, ..Settings::default() };
+        rendered(&mut CpuBackend::new(), &job(wall(), &settings), 1).pixels[0].x
+    };
+    for method in [Method::Steep, Method::Relief, Method::Occlusion, Method::Pyramid, Method::Sphere] {
+        let (near, far) = (lit(method, 0.2, true), lit(method, 0.6, true));
+        assert_eq!(near, lit(method, 0.2, false), "{method}: the wall is behind the light");
+        assert!(near > 1.0, "{method}: {near}");
+        // The soft shadow of so high a wall is whole too.
+        assert_eq!(far, 0.0, "{method}: the wall is before the light");
+        assert!(lit(method, 0.6, false) > 0.1, "{method}");
+    }
+}
+
+/// The place that parallax mapping takes is never behind the eye, also where that is within the relief.
+#[test]
+fn parallax_looks_at_nothing_behind_the_eye() {
+    let texels = waves().reliefs[0].map.texels.clone();
+    let (reach, mut held) = (0.005, 0);
+    let nearer = |ray: Ray| Ray { origin: ray.origin + ray.direction * (0.2 - reach), ..ray };
+    let rays: Vec<Ray> = steep_rays(300).into_iter().map(nearer).collect();
+    for (method, is_limited) in [(Method::Parallax, false), (Method::ParallaxLimited, true)] {
+        for (ray, hit) in rays.iter().zip(hits(waves(), method, &rays)) {
+            let d = ray.direction.as_dvec3();
+            let t = -f64::from(ray.origin.z) / d.z;
+            let at = ray.origin.as_dvec3() + d * t;
+            let rise = height(&texels, at.truncate()) * d.z.signum();
+            let t = t + if is_limited { rise / d.length() } else { rise };
+            held += usize::from(t < 0.0);
+            assert!((f64::from(hit.t) - t.max(0.0)).abs() < 1e-6, "{method} {ray:?}: {t} {hit:?}");
+            let seen = ray.origin + ray.direction * hit.t;
+            assert!((seen.x - hit.u).abs().max((seen.y - hit.v).abs()) < 1e-6, "{method} {ray:?}: {hit:?}");
+        }
+    }
+    assert!(held > 100, "{held}");
 }
 
 /// What [`Shade::Error`] shows of each pixel is the difference of the two pictures that it is named for.

@@ -172,6 +172,7 @@ fn scene_with_every_buffer_loads() {
         color_texels: vec![0; 1024],
         materials: vec![Material::default()],
         normal_texels: vec![],
+        distances: vec![],
         instances: vec![],
         lights: vec![PointLight::default()],
         tangents: vec![Tangent::default(); 3],

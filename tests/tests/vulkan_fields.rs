@@ -7,7 +7,9 @@ use emboss::settings::{Method, Settings, Wrap};
 use emboss_kernels::interface::MISS;
 use emboss_kernels::scene::Features;
 use emboss_tests::RaySource;
+use emboss_tests::changes;
 use emboss_tests::compare::{against_cpu, rendered};
+use emboss_tests::flat::assert_all_methods_show_the_base_mesh;
 use emboss_tests::long::on_device;
 use emboss_tests::scenes::{self, builtin_scene};
 
@@ -44,6 +46,16 @@ fn tessellate_is_quadtree() {
         let seen = seen.expect("no device fails").picture;
         against_cpu(&higher, 2, &seen).assert_same("tessellate");
     });
+}
+
+#[test]
+fn flat_maps_show_the_base_mesh() {
+    on_device(|backend| assert_all_methods_show_the_base_mesh(backend, 300));
+}
+
+#[test]
+fn distance_maps_are_computed_when_they_have_to_be() {
+    on_device(|backend| changes::assert_distances_are_kept(backend));
 }
 
 /// Pictures of the waves' methods on a curved model, with shadows.

@@ -1,25 +1,25 @@
-//! Inverse displacement mapping: Patterson, Hoggar and Logie, "Inverse Displacement Mapping", Computer Graphics Forum 10(2),
-//! 1991. Rather than displace the surface towards the ray, the ray is taken back to where the surface is flat: a point of
-//! it has barycentric coordinates and a lift over the base triangle, those of the prism's own map
+//! Inverse displacement mapping: Patterson, Hoggar and Logie, "Inverse Displacement Mapping", Computer Graphics Forum
+//! 10(2), 1991. Rather than displace the surface towards the ray, the ray is taken back to where the surface is flat:
+//! a point of it has barycentric coordinates and a lift over the base triangle, those of the prism's own map
 //!
 //!   P(b) + l n(b) = o + s d,
 //!
-//! and its height is compared with what the map has there. N steps between where the ray enters the prism's bound and where it
-//! leaves it, each a few iterations of Newton's method from the coordinates of the step before; at the first change of sign
-//! eight bisections and one false position.
+//! and its height is compared with what the map has there. N steps between where the ray enters the prism's bound and
+//! where it leaves it, each a few iterations of Newton's method from the coordinates of the step before; at the first
+//! change of sign eight bisections and one false position.
 //!
-//! The surface is the bilinear height field, of which micro-triangles are the limit for a great N; it is seen in the silhouette.
-//! Where the steps find a crossing its distance is off by rounding alone, whatever N.
+//! The surface is the bilinear height field, of which micro-triangles are the limit for a great N; it is seen in the
+//! silhouette. Where the steps find a crossing its distance is off by rounding alone, whatever N.
 //!
-//! Cost: N solutions of three equations, each with a reading of the map, for every prism that the ray enters; ten more where
-//! it hits.
+//! Cost: N solutions of three equations, each with a reading of the map, for every prism that the ray enters; ten
+//! more where it hits.
 //!
-//! Artefacts. A ray that crosses the surface twice between two steps passes through: the share of rays that do falls with
-//! the square of N on a smooth map, since a chord is as long as the root of what the ray grazes it by (as N where steps are
-//! shorter than texels, whose borders are creases). The surface cracks at
-//! seams, where each triangle has its own field. A ray that leaves a triangle meets nothing of it within the first step.
-//! Deviations: the paper's surfaces are bilinear patches and its steps those of the texture; where prisms fold back over
-//! themselves (as far from a hollow base as its radius) Newton's method may find the wrong fold.
+//! Artefacts. A ray that crosses the surface twice between two steps passes through: the share of rays that do falls
+//! with the square of N on a smooth map, since a chord is as long as the root of what the ray grazes it by (as N
+//! where steps are shorter than texels, whose borders are creases). The surface cracks at seams, where each triangle
+//! has its own field. A ray that leaves a triangle meets nothing of it within the first step. Deviations: the paper's
+//! surfaces are bilinear patches and its steps those of the texture; where prisms fold back over themselves (as far
+//! from a hollow base as its radius) Newton's method may find the wrong fold.
 
 use crate::barycentric::interpolate;
 use crate::counters::Counts;
@@ -30,8 +30,8 @@ use crate::math::{cross, dot, max_abs, sqrt, unit};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
-/// Most iterations of Newton's method for a point. It begins one step away, at most a diameter of the prism / N; from there
-/// two find the point to rounding unless the prism is very curved.
+/// Most iterations of Newton's method for a point. It begins one step away, at most a diameter of the prism / N; from
+/// there two find the point to rounding unless the prism is very curved.
 const MOST_ITERATIONS: u32 = 4;
 /// Bisections before the false position: 1/256 of a step, where a bilinear patch is straight but for rounding.
 const BISECTIONS: u32 = 8;
@@ -48,8 +48,8 @@ struct Place {
     above: f32,
 }
 
-/// The nearer of `nearest` and the ray's hit on the height field over a base triangle. The hit's cell is 0, its barycentric
-/// coordinates are those of the base triangle.
+/// The nearer of `nearest` and the ray's hit on the height field over a base triangle. The hit's cell is 0, its
+/// barycentric coordinates are those of the base triangle.
 #[inline]
 pub fn intersect(
     field: &HeightField<'_>,
@@ -126,8 +126,8 @@ pub fn intersect(
     }
 }
 
-/// Where the ray is in the bound of the prism: the box of its six points, and what is between their planes along the base
-/// triangle. `far` is below `near` where it is nowhere.
+/// Where the ray is in the bound of the prism: the box of its six points, and what is between their planes along the
+/// base triangle. `far` is below `near` where it is nowhere.
 #[inline]
 fn span(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay, t_max: f32) -> (f32, f32) {
     let shortest = base.shortest_normal();
@@ -136,8 +136,8 @@ fn span(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay, t_max:
     // Where normals cancel directions are anywhere.
     let reach = if is_hull { 0.0 } else { base.reach(field) };
     let across = unit(cross(base.p1 - base.p0, base.p2 - base.p0));
-    // A thousandth of the prism's size more, so that the relief's extremes are between the first step and the last, also where
-    // it is flat.
+    // A thousandth of the prism's size more, so that the relief's extremes are between the first step and the last,
+    // also where it is flat.
     let size = max_abs(base.p1 - base.p0).max(max_abs(base.p2 - base.p0));
     let more = 1e-3 * (size + low.abs().max(high.abs()) + reach);
     let (mut near, mut far) = (0.0_f32, t_max);
@@ -212,7 +212,8 @@ fn solve(field: &HeightField<'_>, base: &BaseTriangle, point: Vec3, from: Vec3) 
     Place { at, above }
 }
 
-/// Whether the triangle may lie between two points, given by barycentric coordinates 1 and 2: unless both are beyond one edge.
+/// Whether the triangle may lie between two points, given by barycentric coordinates 1 and 2: unless both are beyond
+/// one edge.
 #[inline]
 fn may_be_inside(a: Vec3, b: Vec3) -> bool {
     a.x.max(b.x) >= -EDGE && a.y.max(b.y) >= -EDGE && (a.x + a.y).min(b.x + b.y) <= 1.0 + EDGE
@@ -225,9 +226,9 @@ fn is_inside(a: Vec3, beyond: f32) -> bool {
 }
 
 impl BaseTriangle {
-    /// A triangle in the plane that touches the height field over barycentric coordinates `w`: its first corner is the point of
-    /// the surface there, its sides are the derivatives from vertex 0 to 1 and to 2. The base triangle's own sides where these
-    /// span no plane.
+    /// A triangle in the plane that touches the height field over barycentric coordinates `w`: its first corner is
+    /// the point of the surface there, its sides are the derivatives from vertex 0 to 1 and to 2. The base triangle's
+    /// own sides where these span no plane.
     #[inline]
     pub fn tangent_triangle(&self, field: &HeightField<'_>, w: Vec3) -> [Vec3; 3] {
         let n = interpolate(w, self.n0, self.n1, self.n2);
@@ -276,7 +277,8 @@ mod tests {
         scene
     }
 
-    /// Along unit normals a constant height h lifts a point p of the plane x + y + z = 1 to p + h p / |p|: the surface is
+    /// Along unit normals a constant height h lifts a point p of the plane x + y + z = 1 to p + h p / |p|: the
+    /// surface is
     /// |x| = 1 / (s (1, 1, 1)) + h in each direction s. Along normals as they are it is the plane x + y + z = 1 + h.
     #[test]
     fn constant_heights_over_a_curved_prism_are_found() {

@@ -1,15 +1,15 @@
-//! Vertex displacement: the N² micro-triangles of each base triangle stored, in a BVH of their own. Cook, "Shade Trees",
-//! SIGGRAPH 1984, moved the vertices of what was to be drawn; Cook, Carpenter and Catmull, "The Reyes Image Rendering
-//! Architecture", SIGGRAPH 1987, diced surfaces for it.
+//! Vertex displacement: the N² micro-triangles of each base triangle stored, in a BVH of their own. Cook, "Shade
+//! Trees", SIGGRAPH 1984, moved the vertices of what was to be drawn; Cook, Carpenter and Catmull, "The Reyes Image
+//! Rendering Architecture", SIGGRAPH 1987, diced surfaces for it.
 //!
-//! It is what the methods that store nothing are measured against. The surface and the triangle test are theirs, bit for
-//! bit, so that it finds what [`quadtree`](super::quadtree) finds. A ray costs what a tree over as many triangles costs;
-//! memory is some 100 bytes for each micro-triangle: 64 of nodes, 4 of order, 6 of micro-vertices and 24 of boxes. The tree has at most
-//! [`MAX_PRIMITIVES`](crate::interface::MAX_PRIMITIVES) micro-triangles.
+//! It is what the methods that store nothing are measured against. The surface and the triangle test are theirs, bit
+//! for bit, so that it finds what [`quadtree`](super::quadtree) finds. A ray costs what a tree over as many triangles
+//! costs; memory is some 100 bytes for each micro-triangle: 64 of nodes, 4 of order, 6 of micro-vertices and 24 of
+//! boxes. The tree has at most [`MAX_PRIMITIVES`](crate::interface::MAX_PRIMITIVES) micro-triangles.
 //!
-//! The grid of a base triangle is stored in rows of constant j from j = N, a single micro-vertex, to j = 0, whose N + 1 lie
-//! along an edge: row s = N - j begins at s (s + 1) / 2. Micro-triangles are in rows too, of 2r + 1 between rows r and r + 1
-//! of micro-vertices, beginning at r²; lower and upper ones by turns. Neither place depends on N.
+//! The grid of a base triangle is stored in rows of constant j from j = N, a single micro-vertex, to j = 0, whose N +
+//! 1 lie along an edge: row s = N - j begins at s (s + 1) / 2. Micro-triangles are in rows too, of 2r + 1 between
+//! rows r and r + 1 of micro-vertices, beginning at r²; lower and upper ones by turns. Neither place depends on N.
 
 use crate::aabb::Aabb;
 use crate::displacement::cell::Cell;
@@ -20,12 +20,12 @@ use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
 
-/// By how much of the greatest coordinate of a micro-triangle, and of a ray's origin, boxes are grown: so that the box of each
-/// micro-triangle that the ray is found to hit is entered, no farther away than that.
+/// By how much of the greatest coordinate of a micro-triangle, and of a ray's origin, boxes are grown: so that the
+/// box of each micro-triangle that the ray is found to hit is entered, no farther away than that.
 ///
-/// The triangle test moves vertices as seen along the ray by at most 6 u of the distance from its origin, 6 sqrt(3) u of
-/// both coordinates. That counts twice, as in [`quadtree`](super::quadtree), and its distance is off by 12 u of as much:
-/// 42 u together.
+/// The triangle test moves vertices as seen along the ray by at most 6 u of the distance from its origin, 6 sqrt(3) u
+/// of both coordinates. That counts twice, as in [`quadtree`](super::quadtree), and its distance is off by 12 u of as
+/// much: 42 u together.
 const MARGIN: f32 = 48.0 * UNIT_ROUNDOFF;
 
 /// Micro-vertices of a base triangle whose sides have `n` parts.

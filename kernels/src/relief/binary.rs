@@ -1,14 +1,15 @@
 //! Relief mapping.
 //!
-//! Policarpo, Oliveira and Comba, "Real-Time Relief Mapping on Arbitrary Polygonal Surfaces", I3D 2005: a linear search over N
-//! layers finds one on each side of the relief, a binary search the place between them. N is the number of layers; the binary
-//! search has [`HALVINGS`] steps, the paper's 8.
+//! Policarpo, Oliveira and Comba, "Real-Time Relief Mapping on Arbitrary Polygonal Surfaces", I3D 2005: a linear
+//! search over N layers finds one on each side of the relief, a binary search the place between them. N is the number
+//! of layers; the binary search has [`HALVINGS`] steps, the paper's 8.
 //!
 //! Cost: up to N + 1 + 8 readings of the map a ray, and up to N for each light.
 //!
-//! Artefacts: relief thinner than a layer is missed where a ray grazes it, so that thin features break off; else what is shown
-//! is right to 2^-8 of a layer. The silhouette is the base mesh's. Deviations: layers lie between the map's least and greatest
-//! height, on whichever side of the base triangle; the normal is computed from heights, not read from a normal map.
+//! Artefacts: relief thinner than a layer is missed where a ray grazes it, so that thin features break off; else what
+//! is shown is right to 2^-8 of a layer. The silhouette is the base mesh's. Deviations: layers lie between the map's
+//! least and greatest height, on whichever side of the base triangle; the normal is computed from heights, not read
+//! from a normal map.
 
 use super::layers::Bracket;
 use super::tangent_space::{TangentRay, TangentSpace};

@@ -1,13 +1,13 @@
 //! Bump mapping.
 //!
-//! Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978: the surface stays where it is, and light is reflected by the normal
-//! that it would have if it were displaced, formulas (2) and (3) as in [`TangentSpace::normal`], of the height field's own
-//! derivatives. No parameter.
+//! Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978: the surface stays where it is, and light is reflected by
+//! the normal that it would have if it were displaced, formulas (2) and (3) as in [`TangentSpace::normal`], of the
+//! height field's own derivatives. No parameter.
 //!
 //! Cost: one reading of the map's gradient a ray.
 //!
-//! Artefacts: relief hides nothing, moves nothing and casts no shadow; it looks flat from aside. Where it is steep light
-//! reaches what should be hidden from it. The silhouette is the base mesh's.
+//! Artefacts: relief hides nothing, moves nothing and casts no shadow; it looks flat from aside. Where it is steep
+//! light reaches what should be hidden from it. The silhouette is the base mesh's.
 //!
 //! [`TangentSpace::normal`]: super::tangent_space::TangentSpace::normal
 

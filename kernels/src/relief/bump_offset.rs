@@ -1,13 +1,15 @@
 //! Bump mapping by a map of offsets.
 //!
-//! Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978, has two forms of the bump function: a table of heights, whose derivatives
-//! are differences ([`bump`](super::bump)), and one of the two derivatives b_u and b_v themselves, interpolated where it is read. The
-//! host makes the latter from the height map by central differences. No parameter.
+//! Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978, has two forms of the bump function: a table of heights,
+//! whose derivatives are differences ([`bump`](super::bump)), and one of the two derivatives b_u and b_v themselves,
+//! interpolated where it is read. The latter comes out of a file, or the host makes it from the height map by central
+//! differences. No parameter.
 //!
 //! Cost: one reading of the offset map a ray, which takes twice the bits of a height map of 32.
 //!
-//! Artefacts: those of [`bump`](super::bump), but normals do not change abruptly at the lines between texels' centres; in return
-//! slopes are those between two texels, so that the finest relief is flatter.
+//! Artefacts: those of [`bump`](super::bump), but normals do not change abruptly at the lines between texels'
+//! centres; in return slopes of a map that the host makes are those between two texels, so that the finest relief is
+//! flatter.
 
 use super::normal_texels::NormalTexels;
 use super::tangent_space::TangentSpace;

@@ -15,8 +15,9 @@ pub struct Bracket {
     pub far_clearance: f32,
 }
 
-/// The first of `n` layers of equal height, from where a ray comes into `span`, at which the ray is no longer outside the relief.
-/// The last one is the relief's own bound, so that there is one; relief thinner than a layer may be missed.
+/// The first of `n` layers of equal height, from where a ray comes into `span`, at which the ray is no longer outside
+/// the relief. The last one is the relief's own bound, so that there is one; relief thinner than a layer may be
+/// missed.
 #[inline]
 pub fn search(space: &TangentSpace<'_>, ray: &TangentRay, span: Span, n: u32) -> Bracket {
     let mut bracket = Bracket { near: span.near, near_clearance: 0.0, far: span.near, far_clearance: 0.0 };
@@ -35,8 +36,8 @@ pub fn search(space: &TangentSpace<'_>, ray: &TangentRay, span: Span, n: u32) ->
     bracket
 }
 
-/// Whether the light is seen, 1, or not, 0, along a ray towards it from the relief: it is where none of the first `n` layers
-/// between the relief and where the ray leaves `span` is inside the relief.
+/// Whether the light is seen, 1, or not, 0, along a ray towards it from the relief: it is where none of the first `n`
+/// layers between the relief and where the ray leaves `span` is inside the relief.
 #[inline]
 pub fn light_seen(space: &TangentSpace<'_>, ray: &TangentRay, span: Span, n: u32) -> f32 {
     let mut i = 1;

@@ -1,13 +1,13 @@
 //! Surface relief in image space: methods that trace the base triangles and look for the relief in texture space, from
 //! where a ray meets one of them, each in the file of its paper.
 //!
-//! None of them can change a silhouette, since a ray that misses the base triangles sees nothing, and none knows what lies
-//! beyond a triangle's edges: there the relief goes on as if the triangle did. What they see is the bilinear height field
-//! h(u, v), of which the micro-triangles of exact methods are the limit for a great N.
+//! None of them can change a silhouette, since a ray that misses the base triangles sees nothing, and none knows what
+//! lies beyond a triangle's edges: there the relief goes on as if the triangle did. What they see is the bilinear
+//! height field h(u, v), of which the micro-triangles of exact methods are the limit for a great N.
 //!
 //! A further method of this kind is an id in [`method`] between `BUMP` and `SPHERE`, a file here, and a branch in
-//! [`surface()`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if it has
-//! shadows of its own); on the host a variant of `settings::Method`.
+//! [`surface()`] that says how far along the ray it finds the relief (in [`light_seen`] what it sees of a light, if
+//! it has shadows of its own); on the host a variant of `settings::Method`.
 
 pub mod binary;
 pub mod bump;
@@ -36,8 +36,8 @@ use glam::{Vec2, Vec3};
 use normal_texels::NormalTexels;
 use tangent_space::{TangentRay, TangentSpace};
 
-/// What a method shows of the relief where a ray meets a base triangle, in the space of its mesh. `flat` is the base triangle
-/// there, at barycentric coordinates `w`.
+/// What a method shows of the relief where a ray meets a base triangle, in the space of its mesh. `flat` is the base
+/// triangle there, at barycentric coordinates `w`.
 #[inline]
 #[expect(clippy::too_many_arguments, reason = "what was hit, as it is known already")]
 pub fn surface(
@@ -113,9 +113,9 @@ fn searched(
     }
 }
 
-/// How much the relief lets through, by a method that searches, of the light at the end of `toward`, the world's way to
-/// it: 0 to 1, where [`surface()`] gave these texture coordinates and this height for the hit. Methods without shadows of
-/// their own take layers for it.
+/// How much the relief lets through, by a method that searches, of the light at the end of `toward`, the world's way
+/// to it: 0 to 1, where [`surface()`] gave these texture coordinates and this height for the hit. Methods without
+/// shadows of their own take layers for it.
 ///
 /// A ray towards the light starts on the relief itself, wherever the method found it.
 #[inline]

@@ -1,17 +1,18 @@
 //! Normal mapping.
 //!
-//! Cohen, Olano and Manocha, "Appearance-Preserving Simplification", SIGGRAPH 1998, and Heidrich and Seidel, "Realistic,
-//! Hardware-Accelerated Shading and Lighting", SIGGRAPH 1999: a map of normals replaces that of the surface. In tangent space they
-//! are along tangent, bitangent and normal, those of MikkTSpace, interpolated and not normalised, as programs bake them; in
-//! object space along the axes of the mesh, in world space along those of the scene. Where none is given the host makes one in
-//! tangent space from the height map. No parameter.
+//! Cohen, Olano and Manocha, "Appearance-Preserving Simplification", SIGGRAPH 1998, and Heidrich and Seidel,
+//! "Realistic, Hardware-Accelerated Shading and Lighting", SIGGRAPH 1999: a map of normals replaces that of the
+//! surface. In tangent space they are along tangent, bitangent and normal, those of MikkTSpace, interpolated and not
+//! normalised, as programs bake them; in object space along the axes of the mesh, in world space along those of the
+//! scene. Where neither the command line nor the material names one the host makes one in tangent space from the height
+//! map. No parameter.
 //!
 //! Cost: one reading of the normal map a ray.
 //!
-//! Artefacts: those of [`bump`](super::bump). A map made from heights knows one size of texels for the whole mesh: where the mesh
-//! stretches the map, relief leans too much or too little. A map in object space turns with the mesh, but not with what bends
-//! it; one in world space does not even turn. Deviation: without `--smooth` the normal that maps in tangent space lean
-//! from is the triangle's own, so that a map that leans nowhere shows what no map does.
+//! Artefacts: those of [`bump`](super::bump). A map made from heights knows one size of texels for the whole mesh:
+//! where the mesh stretches the map, relief leans too much or too little. A map in object space turns with the mesh,
+//! but not with what bends it; one in world space does not even turn. Deviation: without `--smooth` the normal that
+//! maps in tangent space lean from is the triangle's own, so that a map that leans nowhere shows what no map does.
 
 use super::normal_texels::NormalTexels;
 use super::tangent_space::TangentSpace;
@@ -19,9 +20,9 @@ use crate::interface::normal_space;
 use crate::math::{dot, unit};
 use glam::{Vec2, Vec3};
 
-/// The normal that the map gives at `uv` over barycentric coordinates `w`, where the surface has `ns`; of a map in world
-/// space in that of the scene, else in that of the mesh. `ns` where it gives none, and to the bit where it leans nowhere in
-/// tangent space.
+/// The normal that the map gives at `uv` over barycentric coordinates `w`, where the surface has `ns`; of a map in
+/// world space in that of the scene, else in that of the mesh. `ns` where it gives none, and to the bit where it
+/// leans nowhere in tangent space.
 #[inline]
 pub fn normal(space: &TangentSpace<'_>, map: &NormalTexels<'_>, w: Vec3, uv: Vec2, ns: Vec3) -> Vec3 {
     let m = map.normal(uv, space.scale());

@@ -1,9 +1,9 @@
 //! The maps that two methods read beside the height maps: of normals, and of Blinn's offsets.
 //!
-//! They stand in one buffer: first [`HEADER_WORDS`] words for each [`Displacement`](crate::interface::Displacement), then texels of
-//! two words, top row first. The words of a header are the first word of its map, the map's width and height, its
-//! [`wrap`](crate::interface::wrap), for normals that were made of heights the scale that they were made for (a float; 0 for
-//! others), and of normals the [`normal_space`](crate::interface::normal_space).
+//! They stand in one buffer: first [`HEADER_WORDS`] words for each [`Displacement`](crate::interface::Displacement),
+//! then texels of two words, top row first. The words of a header are the first word of its map, the map's width and
+//! height, its [`wrap`](crate::interface::wrap), for normals that were made of heights the scale that they were made
+//! for (a float; 0 for others), and of normals the [`normal_space`](crate::interface::normal_space).
 
 use crate::math::at;
 use crate::texture::footprint;
@@ -41,8 +41,8 @@ impl<'a> NormalTexels<'a> {
         }
     }
 
-    /// The bilinearly filtered normal at (u, v), which must be finite; of no particular length. Where it was made of heights it
-    /// leans as these do at `scale`.
+    /// The bilinearly filtered normal at (u, v), which must be finite; of no particular length. Where it was made of
+    /// heights it leans as these do at `scale`.
     #[inline]
     pub fn normal(&self, uv: Vec2, scale: f32) -> Vec3 {
         let normal = self.sample(uv, true);

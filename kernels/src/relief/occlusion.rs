@@ -1,23 +1,24 @@
 //! Parallax occlusion mapping.
 //!
-//! Tatarchuk, "Dynamic Parallax Occlusion Mapping with Approximate Soft Shadows", I3D 2006: a linear search over N layers, then
-//! the intersection of the ray with the straight line between the heights at the last two of them. Shadows are soft: of N
-//! heights on the way to the light the one counts that rises most above the ray, the more the nearer it is. N is the number of
-//! layers.
+//! Tatarchuk, "Dynamic Parallax Occlusion Mapping with Approximate Soft Shadows", I3D 2006: a linear search over N
+//! layers, then the intersection of the ray with the straight line between the heights at the last two of them.
+//! Shadows are soft: of N heights on the way to the light the one counts that rises most above the ray, the more the
+//! nearer it is. N is the number of layers.
 //!
 //! Cost: up to N + 1 readings of the map a ray, and N for each light.
 //!
-//! Artefacts: relief thinner than a layer is missed where a ray grazes it; within a layer, relief is flattened. Shadows have
-//! penumbras of one softness, whatever the light's size, and leak where a narrow ridge falls between two of N heights. The
-//! silhouette is the base mesh's. Deviations: N is the same for all rays, where the paper takes more where they graze, and
-//! fades to a normal map with distance; the paper's eight weights of a light's heights, 1 to 12, are a linear function here,
-//! for any N.
+//! Artefacts: relief thinner than a layer is missed where a ray grazes it; within a layer, relief is flattened.
+//! Shadows have penumbras of one softness, whatever the light's size, and leak where a narrow ridge falls between two
+//! of N heights. The silhouette is the base mesh's. Deviations: N is the same for all rays, where the paper takes
+//! more where they graze, and fades to a normal map with distance; the paper's eight weights of a light's heights, 1
+//! to 12, are a linear function here, for any N.
 
 use super::layers::Bracket;
 use super::tangent_space::{Span, TangentRay, TangentSpace};
 
-/// What a height that rises by the whole range of heights above the ray, close to its start, takes of the light: twice the number of
-/// the paper's heights, times the softening of its sample program (`ParallaxOcclusionMapping` of the DirectX SDK), 0.58.
+/// What a height that rises by the whole range of heights above the ray, close to its start, takes of the light:
+/// twice the number of the paper's heights, times the softening of its sample program (`ParallaxOcclusionMapping` of
+/// the DirectX SDK), 0.58.
 const SOFTENING: f32 = 16.0 * 0.58;
 
 /// Where the ray meets the line between the heights at the ends of `bracket`.
@@ -28,8 +29,8 @@ pub fn refine(bracket: Bracket) -> f32 {
     bracket.near + (bracket.far - bracket.near) * share
 }
 
-/// How much of the light is seen along `ray` towards it from the relief, from 0 to 1. `span` is from there on; the heights
-/// are read along the way that the ray takes to climb by `range`, the whole range of heights.
+/// How much of the light is seen along `ray` towards it from the relief, from 0 to 1. `span` is from there on; the
+/// heights are read along the way that the ray takes to climb by `range`, the whole range of heights.
 #[inline]
 pub fn light_seen(space: &TangentSpace<'_>, ray: &TangentRay, span: Span, range: f32, n: u32) -> f32 {
     let way = range / ray.climb().abs();

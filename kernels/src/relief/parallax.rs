@@ -1,15 +1,15 @@
 //! Parallax mapping, plain and with offset limiting.
 //!
-//! Kaneko, Takahei, Inami, Kawakami, Yanagida, Maeda and Tachi, "Detailed Shape Representation with Parallax Mapping", ICAT
-//! 2001: the height over the hit is taken for that of a level plane, and the map is read where the ray meets this. Welsh,
-//! "Parallax Mapping with Offset Limiting", Infiscape 2004, leaves out the division by the ray's fall, so that texture
-//! coordinates move at most by the height. No parameter.
+//! Kaneko, Takahei, Inami, Kawakami, Yanagida, Maeda and Tachi, "Detailed Shape Representation with Parallax
+//! Mapping", ICAT 2001: the height over the hit is taken for that of a level plane, and the map is read where the ray
+//! meets this. Welsh, "Parallax Mapping with Offset Limiting", Infiscape 2004, leaves out the division by the ray's
+//! fall, so that texture coordinates move at most by the height. No parameter.
 //!
 //! Cost: one reading of the map a ray.
 //!
-//! Artefacts: right only where the relief is level between the two places; it swims where that is steep, plain parallax the
-//! more the flatter the ray, and the limited one flattens there instead. Nothing hides anything, and nothing casts a shadow
-//! but the base mesh. The silhouette is the base mesh's.
+//! Artefacts: right only where the relief is level between the two places; it swims where that is steep, plain
+//! parallax the more the flatter the ray, and the limited one flattens there instead. Nothing hides anything, and
+//! nothing casts a shadow but the base mesh. The silhouette is the base mesh's.
 
 use super::tangent_space::{TangentRay, TangentSpace};
 

@@ -1,20 +1,20 @@
-//! Pyramidal displacement mapping: Oh, Ki and Lee, "Pyramidal Displacement Mapping: A GPU based Artifacts-free Ray Tracing
-//! Through an Image Pyramid", VRST 2006.
+//! Pyramidal displacement mapping: Oh, Ki and Lee, "Pyramidal Displacement Mapping: A GPU based Artifacts-free Ray
+//! Tracing Through an Image Pyramid", VRST 2006.
 //!
-//! From the pyramid's top the ray goes to whichever is nearer of its cell's border and the least height, as seen from the
-//! ray's side, that bounds the relief in the cell: in the first case on to the next cell, and a level up where that is another
-//! one's; in the second down to the cell's quarters. In the lowest cells, between four texels, the relief is a bilinear
-//! patch, which the ray meets where a quadratic equation has its first root.
+//! From the pyramid's top the ray goes to whichever is nearer of its cell's border and the least height, as seen from
+//! the ray's side, that bounds the relief in the cell: in the first case on to the next cell, and a level up where
+//! that is another one's; in the second down to the cell's quarters. In the lowest cells, between four texels, the
+//! relief is a bilinear patch, which the ray meets where a quadratic equation has its first root.
 //!
-//! Cost: some two readings of the pyramid (4 to 9 words each) for each of its levels where the relief is smooth, and three
-//! readings of the map for each lowest cell. A ray visits at most N cells for each level.
+//! Cost: some two readings of the pyramid (4 to 9 words each) for each of its levels where the relief is smooth, and
+//! three readings of the map for each lowest cell. A ray visits at most N cells for each level.
 //!
-//! What the paper has trouble with. It descends and never comes up again, so that rays that graze visit all texels: here they
-//! rise at each border of a cell above. It takes texels for flat, and so shows steps, or interpolates between hits: here patches
-//! are solved. Its rays stop at a fixed number of steps, as these do: one that is not done by then shows a place in front of the relief.
-//! Silhouettes are the base mesh's. With `--filter trilinear` cells of a coarser level overlap those of the map, and hits
-//! are off by what a patch bends in them. The pyramid is the quadtree's, whose entries overlap: bounds are a little wider
-//! than the paper's, and hold at all wraps and sizes.
+//! What the paper has trouble with. It descends and never comes up again, so that rays that graze visit all texels:
+//! here they rise at each border of a cell above. It takes texels for flat, and so shows steps, or interpolates
+//! between hits: here patches are solved. Its rays stop at a fixed number of steps, as these do: one that is not done
+//! by then shows a place in front of the relief. Silhouettes are the base mesh's. With `--filter trilinear` cells of
+//! a coarser level overlap those of the map, and hits are off by what a patch bends in them. The pyramid is the
+//! quadtree's, whose entries overlap: bounds are a little wider than the paper's, and hold at all wraps and sizes.
 
 use super::tangent_space::{Span, TangentRay, TangentSpace};
 use crate::math::{floor, sqrt};
@@ -95,8 +95,8 @@ fn exit(start: f32, rate: f32, low: f32, high: f32) -> f32 {
     }
 }
 
-/// At which share of the distances from `near` to `near` + `length`, all in one lowest cell, the ray is first not outside the
-/// relief; above 1 where it is outside all along.
+/// At which share of the distances from `near` to `near` + `length`, all in one lowest cell, the ray is first not
+/// outside the relief; above 1 where it is outside all along.
 ///
 /// Along the ray a bilinear patch is quadratic: c + b s + a s², which three values tell.
 #[inline]

@@ -1,17 +1,18 @@
-//! Per-pixel displacement mapping with distance functions: Donnelly, GPU Gems 2, chapter 8, 2005. The ray goes on by as much as a
-//! [map of distances](super::distance_map) says is free, at most N times: Hart's sphere tracing in texture space.
+//! Per-pixel displacement mapping with distance functions: Donnelly, GPU Gems 2, chapter 8, 2005. The ray goes on by
+//! as much as a [map of distances](super::distance_map) says is free, at most N times: Hart's sphere tracing in
+//! texture space.
 //!
-//! Cost: up to N readings of the distance map and as many of the height map a ray, ten more of the latter at its end; 272 KiB a
-//! map, computed whenever heights change.
+//! Cost: up to N readings of the distance map and as many of the height map a ray, ten more of the latter at its end;
+//! 272 KiB a map, computed once and kept in a file beside it, and computed again when its scale changes sign.
 //!
-//! Artefacts. A ray that is not done after N steps shows a place in front of the relief; along a crest rays take many. Where the
-//! distance is 0, next to the columns that the relief is taken for, a step is an eighth of a cell, 1/512 of the map: what is
-//! thinner along the ray may be missed. Silhouettes are the base mesh's. Deviations: the paper looks at distances alone, and stays
-//! a part of a cell off the relief; here each step asks the height map whether the ray is still outside, and the place is then
-//! cut out by bisection, so that it is the relief's own. Distances are not filtered, which could make them too large.
-//! Rays from below the relief, of which the map tells nothing, go through N layers, and so do those to lights. With
-//! `--filter trilinear` distances are those of the finest level: crests that stand out by up to half a pixel more may be
-//! passed.
+//! Artefacts. A ray that is not done after N steps shows a place in front of the relief; along a crest rays take
+//! many. Where the distance is 0, next to the columns that the relief is taken for, a step is an eighth of a cell,
+//! 1/512 of the map: what is thinner along the ray may be missed. Silhouettes are the base mesh's. Deviations: the
+//! paper looks at distances alone, and stays a part of a cell off the relief; here each step asks the height map
+//! whether the ray is still outside, and the place is then cut out by bisection, so that it is the relief's own.
+//! Distances are not filtered, which could make them too large. Rays from below the relief, of which the map tells
+//! nothing, go through N layers, and so do those to lights. With `--filter trilinear` distances are those of the
+//! finest level: crests that stand out by up to half a pixel more may be passed.
 
 use super::distance_map::{DEPTH, SIDE, distance_at};
 use super::tangent_space::{Span, TangentRay, TangentSpace};
@@ -92,7 +93,8 @@ mod tests {
         for ray in rays() {
             let hit = found(&scene, method::SPHERE, &ray);
             let off = (f64::from(hit.t) - exact(&ray)).abs();
-            // At most 16 cells along the square, half its side, from above; 1/400 of the way through the slope from below.
+            // At most 16 cells along the square, half its side, from above; 1/400 of the way through the slope from
+            // below.
             assert!(off < 1.0 / 256.0, "{off} {hit:?}");
             assert_on_ray(&hit, &ray);
         }

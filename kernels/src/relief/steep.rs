@@ -1,13 +1,14 @@
 //! Steep parallax mapping.
 //!
-//! McGuire and McGuire, "Steep Parallax Mapping", I3D 2005 poster: the relief is cut into N layers, and the ray is stopped at the first one
-//! below the height field. N is the number of layers, the same for all rays.
+//! McGuire and McGuire, "Steep Parallax Mapping", I3D 2005 poster: the relief is cut into N layers, and the ray is
+//! stopped at the first one below the height field. N is the number of layers, the same for all rays.
 //!
 //! Cost: up to N + 1 readings of the map a ray, and up to N for each light.
 //!
-//! Artefacts: what is shown lies up to a layer too deep, so that smooth slopes turn into steps; relief thinner than a layer
-//! is missed where a ray grazes it; the silhouette is the base mesh's. Deviation: the paper's layers are those of a height
-//! map from 0 to 1, here those between the map's least and greatest height, on whichever side of the base triangle.
+//! Artefacts: what is shown lies up to a layer too deep, so that smooth slopes turn into steps; relief thinner than a
+//! layer is missed where a ray grazes it; the silhouette is the base mesh's. Deviation: the paper's layers are those
+//! of a height map from 0 to 1, here those between the map's least and greatest height, on whichever side of the base
+//! triangle.
 
 use super::layers::Bracket;
 

@@ -7,9 +7,10 @@ use crate::interface::Displacement;
 use crate::math::{cross, dot, unit};
 use glam::{Vec2, Vec3};
 
-/// The plane of a base triangle with the height field over it, as seen from a point of the triangle: heights are along one
-/// axis, the interpolated normal of that point. (Published methods take the tangents of vertices, so that rays bend at no
-/// edge of a map that is stretched; the triangle's own are exact where it is planar with parallel normals.)
+/// The plane of a base triangle with the height field over it, as seen from a point of the triangle: heights are
+/// along one axis, the interpolated normal of that point. (Published methods take the tangents of vertices, so that
+/// rays bend at no edge of a map that is stretched; the triangle's own are exact where it is planar with parallel
+/// normals.)
 #[derive(Clone, Copy)]
 pub struct TangentSpace<'a> {
     field: HeightField<'a>,
@@ -46,7 +47,8 @@ pub struct Span {
     is_some: bool,
 }
 
-/// Where the interpolated normal is so flat on a triangle that this is its height over a unit, the triangle's own is taken.
+/// Where the interpolated normal is so flat on a triangle that this is its height over a unit, the triangle's own is
+/// taken.
 const LEAST_HEIGHT: f32 = 0.1;
 
 impl<'a> TangentSpace<'a> {
@@ -65,8 +67,9 @@ impl<'a> TangentSpace<'a> {
 
     /// The ray from texture coordinates `uv` at `height` along `direction`, of any length, in the space of the mesh.
     ///
-    /// With a the axis and n the triangle's normal the direction is d = a (d·n / a·n) + q, q in the plane; what of q is along
-    /// the triangle's sides e1 and e2 are its growths of barycentric coordinates, which texture coordinates follow.
+    /// With a the axis and n the triangle's normal the direction is d = a (d·n / a·n) + q, q in the plane; what of q
+    /// is along the triangle's sides e1 and e2 are its growths of barycentric coordinates, which texture coordinates
+    /// follow.
     #[inline]
     pub fn ray(&self, uv: Vec2, height: f32, direction: Vec3) -> TangentRay {
         let base = &self.base;
@@ -148,9 +151,9 @@ impl<'a> TangentSpace<'a> {
     ///
     ///   n' = n + (h_u (a × p_v) - h_v (a × p_u)),  a = n / |n|,
     ///
-    /// with the triangle's sides for p_u and p_v, which gives the same for any parameters of a plane. n has the length of
-    /// p_u × p_v and the direction of `ns`, the triangle's own normal or a smooth one, to the outside. To the bit `ns` where
-    /// slopes are 0, and `ns` where there is no normal.
+    /// with the triangle's sides for p_u and p_v, which gives the same for any parameters of a plane. n has the
+    /// length of p_u × p_v and the direction of `ns`, the triangle's own normal or a smooth one, to the outside. To
+    /// the bit `ns` where slopes are 0, and `ns` where there is no normal.
     #[inline]
     pub fn normal(&self, slopes: Vec2, ns: Vec3) -> Vec3 {
         let (e1, e2) = (self.base.p1 - self.base.p0, self.base.p2 - self.base.p0);
@@ -177,24 +180,24 @@ impl TangentRay {
         (texel_coordinates(map, self.uv(t)), self.rate * size)
     }
 
-    /// It in cells of a distance map: where it starts and how it grows, with so many cells along each `side` of the map, and `depth`
-    /// of them for a unit of height from `low` on.
+    /// It in cells of a distance map: where it starts and how it grows, with so many cells along each `side` of the
+    /// map, and `depth` of them for a unit of height from `low` on.
     #[inline]
     pub fn cells(&self, side: f32, low: f32, depth: f32) -> (Vec3, Vec3) {
         let start = Vec3::new(self.start.x * side, side - self.start.y * side, (self.height - low) * depth);
         (start, Vec3::new(self.rate.x * side, -self.rate.y * side, self.climb * depth))
     }
 
-    /// How far beyond distance `from` it comes to the first of heights `low` and `high` from its side; negative where it is between
-    /// them.
+    /// How far beyond distance `from` it comes to the first of heights `low` and `high` from its side; negative where
+    /// it is between them.
     #[inline]
     pub fn time_to(&self, (low, high): (f32, f32), from: f32) -> f32 {
         let first = if self.climb < 0.0 { high } else { low };
         (first - self.height) / self.climb - from
     }
 
-    /// How far it is at distance `t` from the height field on the side that it comes from, in heights: above 0 while a ray that
-    /// goes down is above the relief, or one that goes up below it.
+    /// How far it is at distance `t` from the height field on the side that it comes from, in heights: above 0 while
+    /// a ray that goes down is above the relief, or one that goes up below it.
     #[inline]
     pub fn clearance(&self, space: &TangentSpace<'_>, t: f32) -> f32 {
         let above = self.height + self.climb * t - space.height(self.uv(t));
@@ -207,8 +210,8 @@ impl TangentRay {
         self.climb
     }
 
-    /// Where from distance `least` on it is between heights `low` and `high`; none where it keeps its height, or would run
-    /// beyond what floats hold.
+    /// Where from distance `least` on it is between heights `low` and `high`; none where it keeps its height, or
+    /// would run beyond what floats hold.
     #[inline]
     pub fn span(&self, (low, high): (f32, f32), least: f32) -> Span {
         let (first, last) = if self.climb < 0.0 { (high, low) } else { (low, high) };

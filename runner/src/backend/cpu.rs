@@ -110,6 +110,10 @@ impl Backend for CpuBackend {
         Ok(self.scene.bvh().clone())
     }
 
+    fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError> {
+        Ok(self.scene.view().distances.to_vec())
+    }
+
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
         self.scene.set_view(frame, lights)?;
         self.clear_film()

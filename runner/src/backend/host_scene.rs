@@ -2,7 +2,8 @@
 
 use super::{
     BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights,
-    distance_maps, is_stored, micro_vertices, reserved, tree_primitives, with_displacements, with_view,
+    distance_maps, is_stored, micro_vertices, reserved, tree_primitives, turned_distances, unknown_distances,
+    with_displacements, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -32,6 +33,8 @@ pub struct HostScene {
     micro_vertices: Vec<f32>,
     /// Distance maps; none unless the method reads them.
     distances: Vec<f32>,
+    /// Those of them that have to be computed when prisms are prepared next.
+    stale_distances: Vec<u32>,
     /// The boxes of micro-triangles, as far.
     micro_boxes: Vec<Aabb>,
     /// The tree over the boxes, of these or of those, or with instances those of their meshes.
@@ -74,6 +77,8 @@ impl HostScene {
         host.height_ranges.resize(words, 0);
         let SceneBuffers { displacements, height_texels, .. } = &host.buffers;
         build_pyramids(displacements, height_texels, &mut host.height_ranges);
+        host.take_distances(&scene.distances)?;
+        host.stale_distances = unknown_distances(scene, features);
         host.prepare_prisms()?;
         host.build_bvh(start);
         Ok(host)
@@ -141,6 +146,7 @@ impl HostScene {
     /// [`BackendError::Unsound`] where something else than heights would change.
     pub fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
         check_displacements(&self.buffers.displacements, displacements)?;
+        self.stale_distances = turned_distances(&self.buffers.displacements, displacements, self.features);
         self.buffers.displacements.copy_from_slice(displacements);
         self.frame = with_displacements(&self.frame, displacements, self.features);
         if self.frame.triangle_count == 0 {
@@ -188,27 +194,40 @@ impl HostScene {
         if is_stored(features) {
             self.tessellate()?;
         }
-        self.map_distances()
+        self.map_distances();
+        Ok(())
     }
 
-    /// The distance maps of all height maps, where the method reads them.
-    fn map_distances(&mut self) -> Result<(), BackendError> {
-        let features = self.features;
-        let maps = distance_maps(self.buffers.displacements.len(), features);
-        self.distances = reserved("the distance maps", maps as usize * WORDS as usize)?;
-        for map in 0..maps {
-            let view = self.view();
-            let field = HeightField::new(&view, features);
-            let pyramid = field.pyramid(field.displacement(map));
-            let mode = pyramid.wrap;
-            let columns = (0..COLUMNS).into_par_iter().map(|i| distance_map::column(&pyramid, i));
-            let columns: Vec<f32> = columns.collect();
-            let cells = (0..CELLS).into_par_iter().map(|i| distance_map::distance(&columns, 0, mode, i));
-            let cells: Vec<f32> = cells.collect();
-            self.distances.extend(columns);
-            self.distances.extend(cells);
+    /// Makes room for the distance maps, where the method reads them, and takes those that are known.
+    fn take_distances(&mut self, known: &[Option<Vec<f32>>]) -> Result<(), BackendError> {
+        let maps = distance_maps(self.buffers.displacements.len(), self.features);
+        let floats = maps as usize * WORDS as usize;
+        self.distances = reserved("the distance maps", floats)?;
+        self.distances.resize(floats, 0.0);
+        for (map, known) in self.distances.chunks_exact_mut(WORDS as usize).zip(known) {
+            if let Some(known) = known {
+                map.copy_from_slice(known);
+            }
         }
         Ok(())
+    }
+
+    /// Computes the distance maps that have to be.
+    fn map_distances(&mut self) {
+        let features = self.features;
+        let mut distances = std::mem::take(&mut self.distances);
+        let view = self.view();
+        let field = HeightField::new(&view, features);
+        for &map in &self.stale_distances {
+            let pyramid = field.pyramid(field.displacement(map));
+            let map = &mut distances[map as usize * WORDS as usize..][..WORDS as usize];
+            let (columns, cells) = map.split_at_mut(COLUMNS as usize);
+            let column = |(i, column): (u32, &mut f32)| *column = distance_map::column(&pyramid, i);
+            (0..COLUMNS).into_par_iter().zip(columns.par_iter_mut()).for_each(column);
+            let distance = |i| distance_map::distance(columns, 0, pyramid.wrap, i);
+            (0..CELLS).into_par_iter().zip(cells).for_each(|(i, cell)| *cell = distance(i));
+        }
+        self.distances = distances;
     }
 
     /// The micro-vertices of all triangles, and the boxes of their micro-triangles.
@@ -317,6 +336,8 @@ fn copied_scene(scene: &SceneBuffers) -> Result<SceneBuffers, BackendError> {
         materials: copied("the materials", &scene.materials)?,
         lights: copied("lights", &scene.lights)?,
         normal_texels: copied("the normal maps", &scene.normal_texels)?,
+        // What is known stands behind the other maps, see `take_distances`.
+        distances: Vec::new(),
         instances: copied("the instances", &scene.instances)?,
     })
 }

@@ -17,7 +17,7 @@ use emboss_kernels::interface::{
     PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
     displacement_kind, filter, height_format, method, normal_space, shade, wrap,
 };
-use emboss_kernels::relief::distance_map::WORDS;
+use emboss_kernels::relief::distance_map::{WORDS, is_turned};
 use emboss_kernels::relief::normal_texels::HEADER_WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
@@ -54,6 +54,9 @@ pub struct SceneBuffers {
     /// Maps of normals or of offsets, where the method reads them: see
     /// [`normal_texels`](emboss_kernels::relief::normal_texels).
     pub normal_texels: Vec<u32>,
+    /// The distance map of each displacement that is known already, [`WORDS`] floats; what is not is computed where
+    /// the method reads it.
+    pub distances: Vec<Option<Vec<f32>>>,
     /// Where meshes stand; none where each triangle stands once, as it is. See [`instances`].
     pub instances: Vec<Instance>,
 }
@@ -102,6 +105,7 @@ impl SceneBuffers {
         if u64::from(distance_maps(self.displacements.len(), features)) * u64::from(WORDS) > u32::MAX.into() {
             return Err(BackendError::TooManyDistanceMaps { count: self.displacements.len() });
         }
+        let is_whole = |map: &Option<Vec<f32>>| map.as_ref().is_none_or(|map| map.len() == WORDS as usize);
         let below = |indices: &[u32], length: usize| indices.iter().all(|&i| (i as usize) < length);
         let filtered = features.filter != filter::BILINEAR;
         let texels = |width: u32, height: u32, levels: bool| {
@@ -238,6 +242,8 @@ impl SceneBuffers {
             METHOD_OF_VECTORS
         } else if traced && method::has_own_map(features.method) && !own_map_is_sound() {
             "a map of normals or of offsets has fewer texels than its size says"
+        } else if self.distances.len() > self.displacements.len() || !self.distances.iter().all(is_whole) {
+            "a distance map has not its size, or is of no height map"
         } else if traced && !has_tangents {
             "there are fewer tangents than vertices"
         } else if traced && !has_texel_scales {
@@ -335,6 +341,19 @@ fn has_distances(features: Features) -> bool {
 /// How many distance maps there are: one for each displacement.
 pub(crate) fn distance_maps(displacements: usize, features: Features) -> u32 {
     if has_distances(features) { u32::try_from(displacements).unwrap_or(u32::MAX) } else { 0 }
+}
+
+/// The distance maps that have to be computed of a scene that is loaded.
+fn unknown_distances(scene: &SceneBuffers, features: Features) -> Vec<u32> {
+    let is_known = |&map: &u32| scene.distances.get(map as usize).is_some_and(Option::is_some);
+    (0..distance_maps(scene.displacements.len(), features)).filter(|map| !is_known(map)).collect()
+}
+
+/// Those that have to be computed where heights change: they depend on the sign of the scale alone.
+fn turned_distances(loaded: &[Displacement], new: &[Displacement], features: Features) -> Vec<u32> {
+    let maps = distance_maps(loaded.len(), features);
+    let turned = (0..maps).zip(loaded).zip(new).filter(|((_, old), new)| is_turned(old) != is_turned(new));
+    turned.map(|((map, _), _)| map).collect()
 }
 
 /// How many primitives the tree of a scene without instances is over: triangles, or the micro-triangles of a tessellation.
@@ -571,14 +590,19 @@ pub trait Backend {
     /// [`instances`].
     fn bvh(&mut self) -> Result<Bvh, BackendError>;
 
+    /// The distance maps of the loaded scene, known or computed, one behind the other; none where its method reads
+    /// none.
+    fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError>;
+
     /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
     /// the shading's settings of `frame`, and with other lights. What of `frame` the scene decides (triangles, N,
     /// heights) is not read. Film and counters are cleared; nothing is built.
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
 
-    /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed, and
-    /// the range of heights, which has to follow them. Film and counters are cleared; heights and boxes are computed anew, and
-    /// the BVH gets these boxes or, where it does not suit them, is built anew.
+    /// Displaces the loaded scene by other heights. Of its displacements only `zero` and `scale` may have changed,
+    /// and the range of heights, which has to follow them. Film and counters are cleared; heights and boxes are
+    /// computed anew, also distance maps of scales that change their sign, and the BVH gets these boxes or, where it
+    /// does not suit them, is built anew.
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
     /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the
@@ -636,6 +660,7 @@ mod tests {
             color_texels: vec![0; 256 + 9],
             lights: vec![PointLight::default()],
             normal_texels: vec![],
+            distances: vec![],
             instances: vec![],
         };
         let frame = Frame { subdivisions: 1, triangle_count: 1, light_count: 1, ..Frame::default() };

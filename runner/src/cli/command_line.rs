@@ -34,6 +34,7 @@ impl RenderArgs {
             method,
             normal_map,
             normal_space,
+            offset_map,
             normals,
             weld,
             shade,
@@ -58,6 +59,7 @@ impl RenderArgs {
             quality: _,
             // These change no picture.
             stats: _,
+            no_cache: _,
             validate: _,
             background,
             ambient,
@@ -84,6 +86,9 @@ impl RenderArgs {
             line.0.extend(["--normal-map".to_owned(), path_word(path)]);
         }
         line.choice("--normal-space", *normal_space);
+        if let Some(path) = offset_map {
+            line.0.extend(["--offset-map".to_owned(), path_word(path)]);
+        }
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
         line.choice("--shade", *shade);

@@ -55,7 +55,7 @@ impl CompareArgs {
         let interrupt = Interrupt::install();
         let mut backend = self.render.open_backend()?;
         let args = RenderArgs { size: self.render.size.or(Some(SIZE)), ..self.render.clone() };
-        let (settings, inputs, samples) = args.read()?;
+        let (settings, inputs, samples) = args.read(true)?;
         args.report(&inputs);
         let device = backend.device();
         let identity = Identity {
@@ -63,7 +63,13 @@ impl CompareArgs {
             command: self.command_line(),
             backend: device.backend.to_owned(),
             device: device.name.clone(),
-            files: inputs.files.iter().chain(&args.normal_map).map(|path| FileStamp::of(path)).collect(),
+            files: inputs
+                .files
+                .iter()
+                .chain(&args.normal_map)
+                .chain(&args.offset_map)
+                .map(|path| FileStamp::of(path))
+                .collect(),
         };
         let ns = self.ns(inputs.subdivisions);
         let methods = if self.methods.is_empty() { usual_methods() } else { self.methods.clone() };
@@ -212,6 +218,9 @@ impl RenderArgs {
         self.method = Some(chosen.configuration.method);
         if chosen.configuration.method != Method::NormalMap {
             (self.normal_map, self.normal_space) = (None, None);
+        }
+        if chosen.configuration.method != Method::BumpOffset {
+            self.offset_map = None;
         }
         if let Some(n) = chosen.configuration.n {
             self.subdivisions = Some(OrDefault::Given(n));

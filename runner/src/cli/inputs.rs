@@ -1,7 +1,8 @@
 //! The six arguments: model, maps and relief, and what stands in for those that are left out.
 
+use crate::normal_maps::NormalSpace;
 use crate::render::Scene;
-use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
+use crate::scene::assembly::{Assembly, MapSource, MaterialSource, NormalSource, ZERO};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
 use crate::scene::obj::load_obj;
@@ -60,6 +61,12 @@ pub(super) struct Request<'a> {
     pub(super) exaggeration: f32,
     pub(super) subdivisions: Option<Subdivisions>,
     pub(super) invert: bool,
+    /// `--normal-map`: of all materials.
+    pub(super) normal_map: Option<&'a Path>,
+    /// Whether a method may read normal maps: those of materials are not read otherwise.
+    pub(super) reads_normals: bool,
+    /// Whether what is computed of maps is kept beside them.
+    pub(super) cache: bool,
     /// `--wrap`: of all maps, whatever their materials say.
     pub(super) wrap: Option<Wrap>,
     pub(super) displacement: Option<DisplacementKind>,
@@ -80,7 +87,7 @@ pub(super) struct Inputs {
     /// N.
     pub(super) subdivisions: Subdivisions,
     /// For the user: each argument's value and where it comes from.
-    pub(super) choices: [Choice; 6],
+    pub(super) choices: Vec<Choice>,
     /// The direction to the camera of a built-in scene that is alone, and what is up.
     pub(super) view: Option<(Vec3, Vec3)>,
     /// Its lights.
@@ -205,6 +212,7 @@ struct Described {
     height: &'static str,
     zero: &'static str,
     scale: &'static str,
+    normal: &'static str,
 }
 
 /// Loads what the arguments name, and fills in what they leave out.
@@ -245,7 +253,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let all = |name, of: fn(&Described) -> (String, &'static str)| {
         Choice::of_all(name, models.iter().flat_map(|model| &model.materials).map(of))
     };
-    let choices = [
+    let mut choices = vec![
         Choice { name: "model", value: name, origin: model_origin },
         all("color", |m| (color_name(&m.source), m.color)),
         all("height", |m| (map_name(m.source.height.as_ref()), m.height)),
@@ -253,6 +261,12 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         all("scale", |m| (m.source.scale.to_string(), m.scale)),
         Choice { name: "N", value: subdivisions.to_string(), origin: n_origin },
     ];
+    let has_normals = |m: &Described| m.source.normal.is_some();
+    if let Some(path) = request.normal_map {
+        choices.push(Choice { name: "normal", value: path.display().to_string(), origin: GIVEN });
+    } else if models.iter().flat_map(|model| &model.materials).any(has_normals) {
+        choices.push(all("normal", |m| (normal_name(&m.source), m.normal)));
+    }
     let (mut view, mut lights) = (None, Vec::new());
     if let (None, [Model { builtin: Some(builtin), .. }]) = (request.scene, &models[..]) {
         (view, lights) = (Some(builtin.view), builtin.lights.clone());
@@ -264,7 +278,12 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut files: Vec<_> = request.scene.map(|scene| scene.path.clone()).into_iter().collect();
     files.extend(models.iter().filter_map(|model| model.file.clone()));
     files.extend(
-        sources().flat_map(|source| [file(source.color.as_ref()), file(source.height.as_ref())]).flatten(),
+        sources()
+            .flat_map(|source| {
+                let normal = source.normal.as_ref().map(|normal| normal.path.clone());
+                [file(source.color.as_ref()), file(source.height.as_ref()), normal]
+            })
+            .flatten(),
     );
     let channels = request.channels().unwrap_or(match displacement {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
@@ -273,7 +292,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut assembly = Assembly::new(displacement, channels);
     for Model { mesh, materials, places, .. } in models {
         let ids = materials.iter().map(|material| {
-            let is_named = material.color == SCENE_FILE || material.height == SCENE_FILE;
+            let is_named = [material.color, material.height, material.normal].contains(&SCENE_FILE);
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
                 (Some(scene), Some(line)) if is_named => named_by(scene, line, error),
                 _ => error,
@@ -286,7 +305,10 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             assembly.add_placed(mesh, &ids, places);
         }
     }
-    let scene = assembly.finish(subdivisions.most());
+    let mut scene = assembly.finish(subdivisions.most());
+    if !request.cache {
+        scene.reliefs.iter_mut().for_each(|relief| relief.stem = None);
+    }
     Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, is_displaced, scale, files })
 }
 
@@ -416,6 +438,13 @@ fn file<T>(map: Option<&MapSource<T>>) -> Option<PathBuf> {
     }
 }
 
+fn normal_name(source: &MaterialSource) -> String {
+    source
+        .normal
+        .as_ref()
+        .map_or("made from the height map".to_owned(), |normal| normal.path.display().to_string())
+}
+
 fn color_name(source: &MaterialSource) -> String {
     match (&source.color, source.albedo) {
         (None, Some(albedo)) => {
@@ -457,8 +486,17 @@ impl Described {
             (source.scale, self.scale) = (scale, GIVEN);
         }
         source.scale *= request.exaggeration;
+        if !request.reads_normals || request.normal_map.is_some() {
+            source.normal = None;
+        } else if let Some(NormalSource { path, .. }) = &source.normal
+            && self.normal == MATERIAL
+            && !path.is_file()
+        {
+            warn_of_missing(path);
+            (source.normal, self.normal) = (None, DEFAULT);
+        }
         if let Some(wrap) = request.wrap {
-            (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
+            source.set_wrap(wrap);
         }
         source.invert |= request.invert;
     }
@@ -486,8 +524,13 @@ impl Described {
         if let Some(scale) = material.scale {
             (source.scale, self.scale) = (scale, SCENE_FILE);
         }
+        if let Some(normal) = &material.normal {
+            let space = material.normal_space;
+            source.normal = normal.clone().map(|path| NormalSource { path, space, wrap: None });
+            self.normal = SCENE_FILE;
+        }
         if let Some(wrap) = material.wrap {
-            (source.color_wrap, source.height_wrap) = (Some(wrap), Some(wrap));
+            source.set_wrap(wrap);
         }
         source.invert = material.invert.unwrap_or(source.invert);
     }
@@ -495,7 +538,7 @@ impl Described {
     /// A material of a model's file; `scale` is the height that its maps have where it says nothing of that.
     fn of_model(material: ModelMaterial, scale: f32) -> Described {
         let color = existing(material.color).map(|map| (map, MATERIAL));
-        let color = color.or_else(|| existing(material.normal).map(|map| (map, NORMAL_MAP)));
+        let color = color.or_else(|| existing(material.normal.clone()).map(|map| (map, NORMAL_MAP)));
         let height = existing(material.height);
         // base + gain t = gain (t + base / gain)
         let range = height.as_ref().and_then(|map| map.base_and_gain);
@@ -519,6 +562,7 @@ impl Described {
             color: color_origin,
             zero: if range.is_some() { MATERIAL } else { DEFAULT },
             scale: if range.is_some() { MATERIAL } else { DEFAULT },
+            normal: if material.normal.is_some() { MATERIAL } else { DEFAULT },
             source: MaterialSource {
                 albedo: material.albedo,
                 color_wrap: color.as_ref().and_then(|(map, _)| map.wrap),
@@ -529,6 +573,11 @@ impl Described {
                 zero: range.map(|(base, gain)| -base / gain),
                 scale: range.map_or(scale, |(_, gain)| gain),
                 invert: false,
+                normal: material.normal.map(|MapFile { path, wrap, .. }| NormalSource {
+                    path,
+                    space: NormalSpace::Tangent,
+                    wrap,
+                }),
             },
         }
     }
@@ -569,6 +618,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         zero: Some(zero),
         scale,
         invert: false,
+        normal: None,
     };
     let color = if source.color.is_some() { BUILTIN } else { DEFAULT };
     let material = Described {
@@ -579,6 +629,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         height: BUILTIN,
         zero: BUILTIN,
         scale: BUILTIN,
+        normal: DEFAULT,
     };
     let lights = lights.into_iter().map(light).collect();
     let recommended = Recommended { subdivisions, view: (view, up), lights };
@@ -605,11 +656,15 @@ fn diagonal(mesh: &Mesh) -> f32 {
 fn existing(map: Option<MapFile>) -> Option<MapFile> {
     let map = map?;
     if !map.path.is_file() {
-        tracing::warn!(
-            "{}: the materials name this map, but it is not there; going on without it",
-            map.path.display()
-        );
+        warn_of_missing(&map.path);
         return None;
     }
     Some(map)
+}
+
+fn warn_of_missing(map: &Path) {
+    tracing::warn!(
+        "{}: the materials name this map, but it is not there; going on without it",
+        map.display()
+    );
 }

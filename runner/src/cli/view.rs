@@ -33,7 +33,7 @@ impl ViewArgs {
         let output = args.destination()?;
         output.check()?;
         if args.quality.is_some() {
-            let (settings, inputs, _) = args.read()?;
+            let (settings, inputs, _) = args.read(false)?;
             args.choose_quality(args.open_backend()?.as_mut(), &inputs.scene, &settings, None)?;
         }
         let script = self.script.as_deref().map(Script::read).transpose()?;
@@ -66,13 +66,13 @@ impl Source for Files {
         let zero = zero.map(OrDefault::Given).or(self.args.zero);
         // The scales are left as they are: the viewer multiplies them as this command line would.
         let args = RenderArgs { zero, exaggerate: None, ..self.args.clone() };
-        let (settings, inputs, _) = args.read().map_err(|error| {
+        let (settings, inputs, _) = args.read(true).map_err(|error| {
             let file = error.file().map(Path::to_owned);
             Unread { error: error.into(), file }
         })?;
-        args.check_normal_map(settings.method).map_err(|error| Unread { error: error.into(), file: None })?;
+        args.check_own_maps(settings.method).map_err(|error| Unread { error: error.into(), file: None })?;
         let mut files = inputs.files;
-        files.extend(self.args.normal_map.clone());
+        files.extend(self.args.normal_map.iter().chain(&self.args.offset_map).cloned());
         Ok(Loaded {
             scene: inputs.scene,
             settings,
@@ -106,6 +106,9 @@ fn tuned(args: &RenderArgs, shot: &Shot<'_>) -> RenderArgs {
     args.method = tuning.method.or(args.method);
     if args.method.is_some_and(|method| method != Method::NormalMap) {
         (args.normal_map, args.normal_space) = (None, None);
+    }
+    if args.method.is_some_and(|method| method != Method::BumpOffset) {
+        args.offset_map = None;
     }
     args.shade = tuning.shade.or(args.shade);
     args.smooth = tuning.smooth.or(args.smooth);

@@ -91,7 +91,7 @@ pub const ABOUT: [About; 16] = [
         name: "sphere",
         idea: "The ray steps by the distance to the relief, which a map in three dimensions holds.",
         paper: "Donnelly: *Per-Pixel Displacement Mapping with Distance Functions*, GPU Gems 2, 2005",
-        cost: "a few steps for each hit of the base; a map in three dimensions in memory, long to prepare",
+        cost: "a few steps for each hit of the base; a map in three dimensions, computed once and kept in a file",
         choose: "for relief that does not change and is seen often",
     },
     About {

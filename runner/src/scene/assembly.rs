@@ -3,6 +3,7 @@
 use super::image::{VectorMap, load_color_map, load_height_map, load_vector_map};
 use super::{ColorMap, HeightMap, Material, Mesh, Relief, SceneError};
 use crate::instances::Part;
+use crate::normal_maps::{NormalMap, NormalSpace};
 use crate::settings::{ChannelOrder, DisplacementKind, Wrap};
 use glam::{DAffine3, Vec3};
 use std::collections::HashMap;
@@ -44,9 +45,30 @@ pub struct MaterialSource {
     pub scale: f32,
     /// Whether each texel t of the height map is replaced by 1 - t.
     pub invert: bool,
+    /// The normal map of `--method normal-map`; not read in a scene of vectors.
+    pub normal: Option<NormalSource>,
+}
+
+/// A normal map before its file is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NormalSource {
+    /// The image.
+    pub path: PathBuf,
+    /// What its components are along.
+    pub space: NormalSpace,
+    /// How it is read outside [0,1); `None`: as the settings say.
+    pub wrap: Option<Wrap>,
 }
 
 impl MaterialSource {
+    /// Reads all its maps outside [0,1) that way.
+    pub fn set_wrap(&mut self, wrap: Wrap) {
+        (self.color_wrap, self.height_wrap) = (Some(wrap), Some(wrap));
+        if let Some(normal) = &mut self.normal {
+            normal.wrap = Some(wrap);
+        }
+    }
+
     /// The texel value of no displacement of a height map.
     fn zero(&self) -> f32 {
         self.zero.unwrap_or(ZERO)
@@ -77,10 +99,13 @@ pub struct Assembly {
     materials: Vec<Material>,
     /// Which relief, or which three from there on, is that of materials without a height map.
     flat: Option<u32>,
+    /// The reliefs of those that have a normal map in its place.
+    flat_normals: Vec<u32>,
     colors: HashMap<PathBuf, Arc<ColorMap>>,
     /// By file, and whether they are inverted.
     heights: HashMap<(PathBuf, bool), LoadedHeight>,
     vectors: HashMap<PathBuf, LoadedVectors>,
+    normals: Vec<(NormalSource, NormalMap)>,
 }
 
 /// A height map out of a file.
@@ -112,9 +137,11 @@ impl Assembly {
             reliefs: Vec::new(),
             materials: Vec::new(),
             flat: None,
+            flat_normals: Vec::new(),
             colors: HashMap::new(),
             heights: HashMap::new(),
             vectors: HashMap::new(),
+            normals: Vec::new(),
         }
     }
 
@@ -160,16 +187,19 @@ impl Assembly {
     /// The scene.
     pub fn finish(self, subdivisions: u32) -> crate::render::Scene {
         let parts = self.parts();
-        let Assembly { mesh, placed, mut reliefs, materials, flat, .. } = self;
+        let Assembly { mesh, placed, mut reliefs, materials, flat, flat_normals, .. } = self;
         let (mesh, instanced) = joined(mesh, placed);
         // A single texel 0 is the same in all formats and under all wraps: it takes those of a real map, so that
         // pipelines need not know of two.
-        if let Some(flat) = flat {
-            let flats = flat as usize..flat as usize + parts;
-            let real = reliefs.iter().enumerate().find(|(i, _)| !flats.contains(i));
-            if let Some((format, wrap)) = real.map(|(_, relief)| (relief.map.format, relief.wrap)) {
-                let map = HeightMap { format, ..HeightMap::flat(0.0) };
-                reliefs[flats].fill(Relief { wrap, ..Relief::new(map, 0.0, 0.0) });
+        let with_parts = |flat: u32| flat as usize..flat as usize + parts;
+        let mut flats: Vec<usize> = flat.into_iter().flat_map(with_parts).collect();
+        flats.extend(flat_normals.into_iter().map(|flat| flat as usize));
+        let real = reliefs.iter().enumerate().find(|(i, _)| !flats.contains(i));
+        if let Some((format, wrap)) = real.map(|(_, relief)| (relief.map.format, relief.wrap)) {
+            let map = Arc::new(HeightMap { format, ..HeightMap::flat(0.0) });
+            for flat in flats {
+                let Relief { scale, normal_map, .. } = reliefs[flat].clone();
+                reliefs[flat] = Relief { wrap, normal_map, ..Relief::new(Arc::clone(&map), 0.0, scale) };
             }
         }
         crate::render::Scene { mesh, reliefs, materials, parts: instanced, subdivisions }
@@ -184,6 +214,17 @@ impl Assembly {
     fn relief(&mut self, source: &MaterialSource) -> Result<u32, SceneError> {
         let &MaterialSource { scale, height_wrap: wrap, .. } = source;
         let relief = |map: Arc<HeightMap>, zero, scale| Relief { wrap, ..Relief::new(map, zero, scale) };
+        let normal_map = source.normal.as_ref().filter(|_| self.kind == DisplacementKind::Height);
+        let normal_map = normal_map.map(|normal| self.normal_map(normal)).transpose()?;
+        if let (None, Some(_)) = (&source.height, &normal_map) {
+            let flat = Relief::new(HeightMap::flat(source.zero()), source.zero(), scale);
+            let is_same = |&flat: &u32| self.reliefs[flat as usize].normal_map == normal_map;
+            let known = self.flat_normals.iter().copied().find(is_same);
+            let flat = Relief { normal_map, ..flat };
+            let flat = place(&mut self.reliefs, known.map(|flat| flat as usize), [flat]);
+            self.flat_normals.push(flat);
+            return Ok(flat);
+        }
         let Some(height) = &source.height else {
             let flat = Relief::new(HeightMap::flat(source.zero()), source.zero(), scale);
             let (known, flats) = (self.flat.map(|flat| flat as usize), vec![flat; self.parts()]);
@@ -192,7 +233,12 @@ impl Assembly {
             return Ok(flat);
         };
         let reliefs = if self.kind == DisplacementKind::Height {
-            vec![relief(self.height_map(height, source)?, source.zero(), scale)]
+            let map = self.height_map(height, source)?;
+            vec![Relief {
+                stem: stem(height, source.invert),
+                normal_map,
+                ..relief(map, source.zero(), scale)
+            }]
         } else if let MapSource::File(path) = height {
             let LoadedVectors { channels, zero, .. } = self.vector_map(path, source.zero)?;
             let axes = self.channels.axes(self.kind);
@@ -210,10 +256,21 @@ impl Assembly {
         let is_same = |(other, relief): (&Relief, &Relief)| {
             Arc::ptr_eq(&other.map, &relief.map)
                 && (other.zero, other.scale, other.wrap) == (relief.zero, relief.scale, relief.wrap)
+                && other.normal_map == relief.normal_map
         };
         let known = self.reliefs.windows(reliefs.len()).step_by(reliefs.len());
         let known = known.map(|window| window.iter().zip(&reliefs).all(is_same)).position(|same| same);
         Ok(place(&mut self.reliefs, known.map(|group| group * reliefs.len()), reliefs))
+    }
+
+    fn normal_map(&mut self, source: &NormalSource) -> Result<NormalMap, SceneError> {
+        let key = NormalSource { path: identity(&source.path), ..source.clone() };
+        if let Some((_, map)) = self.normals.iter().find(|(known, _)| *known == key) {
+            return Ok(map.clone());
+        }
+        let map = NormalMap::load(&source.path, source.space, source.wrap)?;
+        self.normals.push((key, map.clone()));
+        Ok(map)
     }
 
     fn vector_map(&mut self, path: &Path, asked: Option<f32>) -> Result<LoadedVectors, SceneError> {
@@ -278,6 +335,14 @@ fn place<T>(items: &mut Vec<T>, known: Option<usize>, new: impl IntoIterator<Ite
     u32::try_from(index).expect("materials are fewer than the lines of the files that name them")
 }
 
+/// How the files begin that keep what is computed of a map.
+fn stem(map: &MapSource<HeightMap>, invert: bool) -> Option<PathBuf> {
+    let MapSource::File(path) = map else { return None };
+    let mut stem = path.clone().into_os_string();
+    stem.push(if invert { ".inverted" } else { "" });
+    Some(stem.into())
+}
+
 /// What two names of one file have in common.
 fn identity(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
@@ -338,6 +403,7 @@ mod tests {
             zero: Some(0.5),
             scale: 1.0,
             invert: false,
+            normal: None,
         }
     }
 
@@ -409,6 +475,46 @@ mod tests {
         let flat = &scene.reliefs[0];
         assert_eq!((flat.map.format, flat.wrap), (height_format::UNORM8, Some(Wrap::Mirror)));
         assert_eq!(flat.map.texel(0, 0) - flat.zero, 0.0);
+    }
+
+    /// A height map that two materials light differently is there once, but displaces twice; so does none at all.
+    #[test]
+    fn materials_have_normal_maps_of_their_own() {
+        let (folder, a, b) = images();
+        let normals = folder.path().join("n.png");
+        image::RgbImage::from_pixel(1, 1, image::Rgb([128, 128, 255])).save(&normals).expect("writable");
+        let lit_by = |height, wrap| MaterialSource {
+            normal: Some(NormalSource { path: normals.clone(), space: NormalSpace::Tangent, wrap }),
+            ..source(height)
+        };
+        let clamp = Some(Wrap::Clamp);
+        let sources = [
+            source(Some(&a)),
+            lit_by(Some(&a), None),
+            lit_by(Some(&a), clamp),
+            lit_by(Some(&a), None),
+            source(None),
+            lit_by(None, None),
+            lit_by(None, clamp),
+            lit_by(None, None),
+        ];
+        let mut assembly = heights();
+        let reliefs = sources.map(|source| assembly.material(&source).expect("images").relief);
+        assert_eq!(reliefs, [0, 1, 2, 1, 3, 4, 5, 4]);
+        let reliefs = assembly.finish(1).reliefs;
+        assert!(Arc::ptr_eq(&reliefs[0].map, &reliefs[2].map));
+        let normals: Vec<_> = reliefs.iter().map(|relief| relief.normal_map.is_some()).collect();
+        assert_eq!(normals, [false, true, true, false, true, true]);
+        assert!(
+            reliefs[1].normal_map == reliefs[4].normal_map && reliefs[1].normal_map != reliefs[2].normal_map
+        );
+        assert!(reliefs.iter().all(|relief| relief.map.format == height_format::UNORM8));
+        // Vectors have no use for it, and do not read it.
+        let missing = NormalSource { path: b.with_extension("no"), space: NormalSpace::Tangent, wrap: None };
+        let missing = MaterialSource { normal: Some(missing), ..source(None) };
+        assert!(heights().material(&missing).is_err());
+        let mut vectors = Assembly::new(DisplacementKind::Object, ChannelOrder::Blender);
+        assert!(vectors.material(&missing).is_ok());
     }
 
     /// Three reliefs a vector map, in the order of axes, with its own zero.

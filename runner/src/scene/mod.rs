@@ -12,6 +12,7 @@ pub mod scene_file;
 pub mod seams;
 mod tangents;
 
+use crate::normal_maps::NormalMap;
 use crate::settings::Wrap;
 use emboss_kernels::interface::{Triangle, Vertex};
 use glam::Vec3;
@@ -88,12 +89,17 @@ pub struct Relief {
     pub scale: f32,
     /// How the map is read outside [0,1); `None`: as the settings say.
     pub wrap: Option<Wrap>,
+    /// How the names of the files begin that keep what is computed of the map: with its own; `None`: nothing is kept.
+    /// See [`distance_files`](crate::distance_files).
+    pub stem: Option<PathBuf>,
+    /// What `--method normal-map` lights it by; `None`: as the settings say, else by a map that is made from this one.
+    pub normal_map: Option<NormalMap>,
 }
 
 impl Relief {
-    /// A relief that is wrapped as the settings say.
+    /// A relief that is wrapped as the settings say, of which nothing is kept, and that has no normal map.
     pub fn new(map: impl Into<Arc<HeightMap>>, zero: f32, scale: f32) -> Self {
-        Self { map: map.into(), zero, scale, wrap: None }
+        Self { map: map.into(), zero, scale, wrap: None, stem: None, normal_map: None }
     }
 }
 

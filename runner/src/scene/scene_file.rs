@@ -4,6 +4,7 @@
 use super::SceneError;
 use super::error::SceneFileProblem;
 use crate::instances;
+use crate::normal_maps::NormalSpace;
 use crate::picture::linear_from_srgb;
 use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
@@ -50,10 +51,14 @@ pub struct SceneMaterial {
     pub zero: Option<f32>,
     /// Height of a texel step from 0 to 1, in scene units.
     pub scale: Option<f32>,
-    /// How both maps are read outside [0,1).
+    /// How all its maps are read outside [0,1).
     pub wrap: Option<Wrap>,
     /// Whether the height map is turned upside down.
     pub invert: Option<bool>,
+    /// A normal map, `None` for none.
+    pub normal: Option<Option<PathBuf>>,
+    /// What its components are along.
+    pub normal_space: NormalSpace,
 }
 
 /// The colour of a [`SceneMaterial`].
@@ -320,6 +325,8 @@ struct MaterialTable {
     scale: Option<Number>,
     wrap: Option<Wrap>,
     invert: Option<bool>,
+    normal: Option<String>,
+    normal_space: Option<NormalSpace>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -368,6 +375,7 @@ impl LightTable {
 
 impl MaterialTable {
     fn material(self, folder: &Path, line: usize) -> SceneMaterial {
+        let map = |name: String| (name != NONE).then(|| folder.join(name));
         let color = self.color.map(|color| match color {
             ColorValue::Plain(color) => SceneColor::Plain(linear(color)),
             ColorValue::Map(name) if name == NONE => SceneColor::None,
@@ -376,11 +384,13 @@ impl MaterialTable {
         SceneMaterial {
             line,
             color,
-            height: self.height.map(|name| (name != NONE).then(|| folder.join(name))),
+            height: self.height.map(map),
             zero: self.zero.map(|zero| zero.0),
             scale: self.scale.map(|scale| scale.0),
             wrap: self.wrap,
             invert: self.invert,
+            normal: self.normal.map(map),
+            normal_space: self.normal_space.unwrap_or_default(),
         }
     }
 }
@@ -574,13 +584,19 @@ mod tests {
     fn materials_say_what_stands_there_and_nothing_else() {
         let scene = parsed(&format!(
             "\n[material.a]\ncolor = \"c.png\"\nheight = \"sub/h.png\"\nzero = 0\nscale = -2\nwrap = \"mirror\"\n\
-             invert = true\n[material.b]\ncolor = [1, 0, 0]\nheight = \"none\"\n[material.c]\ncolor = \"none\"\n\
+             invert = true\nnormal = \"n.png\"\nnormal_space = \"world\"\n\
+             [material.b]\ncolor = [1, 0, 0]\nheight = \"none\"\nnormal = \"none\"\n[material.c]\ncolor = \"none\"\n\
              [material.d]\n{CUBE}material = \"a\"\n"
         ));
         let [a, b, c, d] = ["a", "b", "c", "d"].map(|name| &scene.materials[name]);
         assert_eq!(a.color, Some(SceneColor::Map("folder/c.png".into())));
         assert_eq!((a.height.clone(), a.wrap), (Some(Some("folder/sub/h.png".into())), Some(Wrap::Mirror)));
         assert_eq!((a.zero, a.scale, a.invert, a.line), (Some(0.0), Some(-2.0), Some(true), 2));
+        assert_eq!(
+            (a.normal.clone(), a.normal_space),
+            (Some(Some("folder/n.png".into())), NormalSpace::World)
+        );
+        assert_eq!((b.normal.clone(), c.normal.clone()), (Some(None), None));
         assert_eq!((b.color.clone(), b.height.clone()), (Some(SceneColor::Plain(Vec3::X)), Some(None)));
         assert_eq!(
             (c.color.clone(), c.height.clone(), d.color.clone()),

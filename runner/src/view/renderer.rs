@@ -13,6 +13,7 @@ use super::{Engine, Failure, Loaded, Shot, Source, Unread, ViewError};
 use crate::backend::cpu::CpuBackend;
 use crate::backend::select::can_be_replaced;
 use crate::backend::{Backend, BackendError, SceneBuffers};
+use crate::distance_files;
 use crate::framing::{self, Framing};
 use crate::heights::set_heights;
 use crate::picture::{Destination, Picture};
@@ -171,7 +172,7 @@ fn load(
     if shared.is_quitting() {
         return Ok(None);
     }
-    backend.load(&job.buffers, &job.frame, job.features)?;
+    distance_files::load(backend, &mut job)?;
     let displacements = std::mem::take(&mut job.buffers.displacements);
     job.buffers = SceneBuffers { displacements, ..SceneBuffers::default() };
     Ok(Some((job, backend.prism_boxes()?)))

@@ -56,7 +56,7 @@ use emboss_kernels::interface::{
     binding, counter,
 };
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
-use emboss_kernels::relief::distance_map::{CELLS, COLUMNS};
+use emboss_kernels::relief::distance_map::{CELLS, COLUMNS, WORDS};
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use instance::Instance;
@@ -64,7 +64,7 @@ use pipeline::Kernel;
 use programs::Programs;
 use resident::Resident;
 use sort::SortBuffers;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
@@ -295,8 +295,8 @@ impl VulkanBackend {
     fn compile_preparation(&mut self, resident: &Resident) -> Result<(), BackendError> {
         self.builder()?;
         self.programs.get(&self.device, Kernel::HeightPyramid)?;
-        for (kernel, count) in preparation(resident) {
-            if count > 0 {
+        for (kernel, items) in preparation(resident) {
+            if !items.is_empty() {
                 self.programs.get(&self.device, kernel)?;
             }
         }
@@ -314,15 +314,15 @@ impl VulkanBackend {
     /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
     /// micro-vertices and their boxes; distance maps.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
-        for (kernel, count) in preparation(resident) {
-            if count > 0 {
+        for (kernel, items) in preparation(resident) {
+            if !items.is_empty() {
                 let program = self.programs.get(&self.device, kernel)?;
                 let micro = kernel == Kernel::TessellateBounds;
                 program.pipeline().bind(|at| match at {
                     binding::BOXES if micro => resident.micro_boxes(),
                     _ => resident.buffer(at),
                 });
-                program.run_batches(&self.commands, count, 0)?;
+                program.run_batches(&self.commands, items, 0)?;
             }
         }
         Ok(())
@@ -421,7 +421,7 @@ impl VulkanBackend {
             binding::INTERSECTIONS => &hits,
             _ => self.resident.buffer(at),
         });
-        program.run_batches(&self.commands, length(rays), 0)?;
+        program.run_batches(&self.commands, 0..length(rays), 0)?;
         self.transfers.read(&self.commands, &hits, rays.len())
     }
 }
@@ -472,6 +472,11 @@ impl Backend for VulkanBackend {
             nodes: self.transfers.read(&self.commands, node_buffer, nodes as usize)?,
             primitives: self.transfers.read(&self.commands, primitives, triangles as usize)?,
         })
+    }
+
+    fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError> {
+        let floats = self.resident.distance_maps() as usize * WORDS as usize;
+        self.transfers.read(&self.commands, self.resident.buffer(binding::DISTANCES), floats)
     }
 
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
@@ -563,7 +568,7 @@ impl Backend for VulkanBackend {
         self.commands.run("clearing", |recorder| recorder.fill(&results, 0))?;
         let program = self.programs.get(&self.device, Kernel::Probe)?;
         program.pipeline().bind(|at| if at == binding::PROBE_IN { &arguments } else { &results });
-        program.run_batches(&self.commands, count, kernel)?;
+        program.run_batches(&self.commands, 0..count, kernel)?;
         self.transfers.read(&self.commands, &results, words)
     }
 }
@@ -632,19 +637,21 @@ fn empty(
     Resident::new(device, commands, transfers, &scene, &frame, Features::default())
 }
 
-/// The kernels that prepare prisms in their order, each with how many items it runs over.
-fn preparation(resident: &Resident) -> [(Kernel, u32); 7] {
+/// The kernels that prepare prisms in their order, each with the items that it runs over.
+fn preparation(resident: &Resident) -> Vec<(Kernel, Range<u32>)> {
     let [micro_vertices, micro_triangles] = resident.stored();
-    let maps = resident.distance_maps();
-    [
-        (Kernel::BoundHeights, resident.triangles()),
-        (Kernel::DecideSeams, resident.seams()),
-        (Kernel::PrismBounds, resident.triangles()),
-        (Kernel::Tessellate, micro_vertices),
-        (Kernel::TessellateBounds, micro_triangles),
-        (Kernel::DistanceColumns, maps * COLUMNS),
-        (Kernel::DistanceMap, maps * CELLS),
-    ]
+    let mut kernels = vec![
+        (Kernel::BoundHeights, 0..resident.triangles()),
+        (Kernel::DecideSeams, 0..resident.seams()),
+        (Kernel::PrismBounds, 0..resident.triangles()),
+        (Kernel::Tessellate, 0..micro_vertices),
+        (Kernel::TessellateBounds, 0..micro_triangles),
+    ];
+    for &map in resident.stale_distances() {
+        kernels.push((Kernel::DistanceColumns, map * COLUMNS..(map + 1) * COLUMNS));
+        kernels.push((Kernel::DistanceMap, map * CELLS..(map + 1) * CELLS));
+    }
+    kernels
 }
 
 /// The first `count` boxes in a buffer.

@@ -11,7 +11,7 @@ use bytemuck::{Pod, bytes_of};
 use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
 use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPart};
 use emboss_kernels::scene::Features;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
 /// Most items of one batch dispatch: every Vulkan device runs at least 65535 workgroups along an axis.
@@ -104,15 +104,16 @@ impl Program {
         Ok(pass)
     }
 
-    /// Runs over items 0 to `count`; `kernel` is which elementary kernel `probe` runs.
+    /// Runs over some items; `kernel` is which elementary kernel `probe` runs.
     pub(super) fn run_batches(
         &mut self,
         commands: &Commands,
-        count: u32,
+        items: Range<u32>,
         kernel: u32,
     ) -> Result<(), BackendError> {
+        let (start, count) = (items.start, items.end - items.start);
         self.pacer.begin_pass(count);
-        self.run_items(commands, count, |first, count| Batch { first, count, kernel })
+        self.run_items(commands, count, |first, count| Batch { first: start + first, count, kernel })
     }
 
     /// Builds the pyramids of height maps. A level is made from the one below it, which the submissions before it wrote.

@@ -7,7 +7,7 @@ use super::device::Device;
 use super::transfers::Transfers;
 use crate::backend::{
     BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, is_stored,
-    micro_vertices, tree_primitives, with_displacements, with_view,
+    micro_vertices, tree_primitives, turned_distances, unknown_distances, with_displacements, with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
@@ -40,6 +40,8 @@ pub(super) struct Resident {
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
+    /// The distance maps that have to be computed when prisms are prepared next.
+    stale_distances: Vec<u32>,
     instances: Vec<Instance>,
     features: Features,
     /// How many entries of the seams' table are read.
@@ -93,11 +95,20 @@ impl Resident {
         for (buffer, content) in buffers.iter().zip(&contents) {
             content.fill(commands, transfers, buffer)?;
         }
+        let maps = distance_maps(scene.displacements.len(), features) as usize;
+        for (known, map) in scene.distances.iter().take(maps).zip(0..) {
+            if let Some(known) = known {
+                let offset = map * u64::from(WORDS) * size_of::<f32>() as u64;
+                let distances = &buffers[place_of(binding::DISTANCES)];
+                transfers.write_at(commands, distances, offset, cast_slice(known))?;
+            }
+        }
         let seams = if features.seams == 0 { 0 } else { scene.seams.len() };
         Ok(Resident {
             buffers,
             frame: *frame,
             displacements: scene.displacements.clone(),
+            stale_distances: unknown_distances(scene, features),
             instances: scene.instances.clone(),
             features,
             // A buffer holds them.
@@ -154,6 +165,7 @@ impl Resident {
         displacements: &[Displacement],
     ) -> Result<(), BackendError> {
         check_displacements(&self.displacements, displacements)?;
+        self.stale_distances = turned_distances(&self.displacements, displacements, self.features);
         self.displacements.copy_from_slice(displacements);
         self.frame = with_displacements(&self.frame, displacements, self.features);
         transfers.write(commands, self.buffer(binding::DISPLACEMENTS), cast_slice(displacements))?;
@@ -208,6 +220,11 @@ impl Resident {
     /// How many distance maps there are.
     pub(super) fn distance_maps(&self) -> u32 {
         distance_maps(self.displacements.len(), self.features)
+    }
+
+    /// Those of them that have to be computed when prisms are prepared next.
+    pub(super) fn stale_distances(&self) -> &[u32] {
+        &self.stale_distances
     }
 
     /// How many micro-vertices, and how many micro-triangles are stored.

@@ -33,7 +33,17 @@ impl Transfers {
         to: &Buffer,
         bytes: &[u8],
     ) -> Result<(), BackendError> {
-        let mut offset = 0;
+        self.write_at(commands, to, 0, bytes)
+    }
+
+    /// Copies `bytes` to byte `offset` of `to` and on, which is at least that long.
+    pub(super) fn write_at(
+        &mut self,
+        commands: &Commands,
+        to: &Buffer,
+        mut offset: u64,
+        bytes: &[u8],
+    ) -> Result<(), BackendError> {
         for piece in bytes.chunks(STAGING_BYTES) {
             let size = piece.len() as u64;
             self.upload.mapped_mut()[..piece.len()].copy_from_slice(piece);

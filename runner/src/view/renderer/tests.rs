@@ -66,6 +66,10 @@ impl Backend for Faulty {
         self.cpu.bvh()
     }
 
+    fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError> {
+        self.cpu.distance_maps()
+    }
+
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError> {
         self.cpu.set_view(frame, lights)
     }
