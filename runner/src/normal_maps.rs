@@ -1,5 +1,5 @@
-//! The maps that two methods read beside height maps, of normals and of Blinn's offsets: made from the height maps where none is
-//! given, and only for these methods.
+//! The maps that two methods read beside height maps, of normals and of Blinn's offsets: made from the height maps
+//! where none is given, and only for these methods.
 
 use crate::heights::grown;
 use crate::render::RenderError;
