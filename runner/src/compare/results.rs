@@ -473,7 +473,8 @@ mod tests {
             kept
         };
         Store::open(folder.path(), kept()).expect("new").save().expect("writable");
-        let changes: [(&str, fn(&mut Identity)); 6] = [
+        type Change = fn(&mut Identity);
+        let changes: [(&str, Change); 6] = [
             ("the version", |identity| identity.version = "2".into()),
             ("the command", |identity| identity.command = "b".into()),
             ("the device", |identity| identity.device = "another".into()),
