@@ -131,3 +131,44 @@ fn reason(chosen: &Candidate, tried: &[Candidate], budget: f32) -> String {
     let error = error.unwrap_or_default();
     format!("Chose {configuration}: the quickest with FLIP {budget} at most (it has {error:.5}); {gain}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::{Cli, Command};
+    use crate::compare::subject::Configuration;
+    use clap::Parser;
+
+    /// A scene file asks for adaptive N, which the chosen method cannot have and has no use for.
+    #[test]
+    fn choices_go_before_what_a_scene_file_says() {
+        let parsed = Cli::try_parse_from(["emboss", "render", "s.toml", "--quality=1"]).expect("valid");
+        let Command::Render(mut args) = parsed.command else { panic!("not render") };
+        let settings = Settings { adaptive: Some(1.0), ..Settings::default() };
+        let mut chosen = |method, n: Option<u32>| {
+            let configuration = Configuration { method, n: n.map(Subdivisions::Fixed) };
+            args.take(Candidate { configuration, error: Some(0.0), cost_ms: 1.0 }, &settings);
+            (args.method, args.subdivisions.and_then(OrDefault::given))
+        };
+        assert_eq!(chosen(Method::Bump, None), (Some(Method::Bump), Some(Subdivisions::Fixed(1))));
+        assert_eq!(chosen(Method::Steep, Some(16)), (Some(Method::Steep), Some(Subdivisions::Fixed(16))));
+    }
+
+    #[test]
+    fn what_has_no_row_is_told() {
+        let candidate = |n, error| Candidate {
+            configuration: Configuration { method: Method::Steep, n: Some(Subdivisions::Fixed(n)) },
+            error,
+            cost_ms: 2000.0,
+        };
+        let tried =
+            [candidate(1, Some(0.0)), candidate(4, Some(0.3)), candidate(16, Some(0.2)), candidate(64, None)];
+        let told = others(&tried, 0.1).expect("three");
+        assert!(told.contains("2 over the budget (least of all steep N=16: 0.20000), 1 given up"), "{told}");
+        assert_eq!(others(&tried[..1], 0.1), None);
+        let why = reason(&tried[0], &tried, 0.1);
+        assert!(why.contains("nothing else is both"), "{why}");
+        let quick = Candidate { cost_ms: 500.0, ..tried[1] };
+        assert!(reason(&quick, &tried, 0.5).contains("4.0 times as quick as steep N=1,"));
+    }
+}

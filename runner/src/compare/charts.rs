@@ -183,6 +183,8 @@ mod tests {
             for cost in [Cost::Time, Cost::Memory] {
                 let svg = chart(&results, cost).expect("drawn");
                 assert!(svg.starts_with("<svg") && svg.contains(cost.title()), "{svg}");
+                let is_finite = ["inf", "NaN"].iter().all(|number| !svg.contains(number));
+                assert!(is_finite, "axes have numbers: {svg}");
             }
             results.configurations.push(measured(1.0, 0.0));
         }

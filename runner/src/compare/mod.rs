@@ -320,6 +320,9 @@ mod tests {
         let wrong = vec![vec![Vec3::X; 4]; 3];
         let right = vec![vec![Vec3::Y; 4]; 3];
         assert_eq!(flicker(&changes(&right, 2), &changes(&wrong, 2)), 0.0);
+        // From each picture to the next.
+        let once = changes(&[wrong[0].clone(), right[0].clone(), right[1].clone()], 2);
+        assert!(once[0].iter().all(|&change| change > 0.1) && once[1] == [0.0; 4], "{once:?}");
     }
 
     #[test]

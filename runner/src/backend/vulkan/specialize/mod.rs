@@ -161,6 +161,8 @@ impl Constants {
 }
 
 #[cfg(test)]
+mod built;
+#[cfg(test)]
 pub(super) mod tests {
     use super::propagate::{ids, label};
     use super::*;
