@@ -1,7 +1,8 @@
 //! Bounding volume hierarchies on the host: the kernels of the [HLBVH](emboss_kernels::bvh) run on the processor, the
 //! reference that its quality is measured against, and the invariants of any.
 //!
-//! A tree has the layout of [`BvhNode`]: root at 0, the two children of a node side by side. An empty scene has no nodes.
+//! A tree has the layout of [`BvhNode`]: root at 0, the two children of a node side by side. An empty scene has no
+//! nodes.
 
 mod binned;
 mod boxes;
@@ -57,8 +58,8 @@ impl BuildTimes {
     }
 }
 
-/// Up to so many primitives, ten bits along each axis tell neighbours apart well enough: a tree of 10^6 costs as much as
-/// with 21 bits.
+/// Up to so many primitives, ten bits along each axis tell neighbours apart well enough: a tree of 10^6 costs as much
+/// as with 21 bits.
 const MOST_NARROW: u32 = 1 << 20;
 
 /// How many bits the sort keys of `count` primitives have: those of Morton codes, and one more for primitives that the

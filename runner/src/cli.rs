@@ -9,6 +9,7 @@ mod compare;
 mod inputs;
 mod interrupt;
 mod progress;
+mod quality;
 mod values;
 mod view;
 
@@ -84,8 +85,8 @@ struct RenderArgs {
     /// builtin:mushroom [default: builtin:knot]
     #[arg(value_parser = values::model())]
     model: Option<ModelArgument>,
-    /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, their norm, their Kd; else light
-    /// grey]
+    /// Colour map, or none [default: the built-in's, or the map_Kd of the OBJ's materials, their norm, their Kd; else
+    /// light grey]
     #[arg(value_parser = values::map())]
     color: Option<MapArgument>,
     /// Height map, or none; colour images count by their luminance. With --displacement a vector map [default: the
@@ -120,8 +121,8 @@ struct RenderArgs {
     /// How displaced triangles are intersected [default: quadtree]
     #[arg(long, value_enum)]
     method: Option<Method>,
-    /// Normal map that --method normal-map reads: red, green and blue from 0 to 1 are components from -1 to 1, green upwards
-    /// [default: what each material's norm names, else one made from the height map]
+    /// Normal map that --method normal-map reads: red, green and blue from 0 to 1 are components from -1 to 1, green
+    /// upwards [default: what each material's norm names, else one made from the height map]
     #[arg(long, value_name = "FILE")]
     normal_map: Option<PathBuf>,
     /// What the normal map's components are along [default: tangent]
@@ -132,8 +133,8 @@ struct RenderArgs {
     /// 1 [default: one made from the height map]
     #[arg(long, value_name = "FILE")]
     offset_map: Option<PathBuf>,
-    /// Choose the quickest method and N whose error on this model, measured on a small picture, is within a budget: mean FLIP
-    /// from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
+    /// Choose the quickest method and N whose error on this model, measured on a small picture, is within a budget:
+    /// mean FLIP from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
     #[arg(long, value_name = "BUDGET", value_parser = values::flip)]
     quality: Option<f32>,
     /// Direction in which heights are measured [default: normalized]
@@ -240,7 +241,8 @@ struct RenderArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 enum CliError {
-    #[error("--depth chooses the bits of a PNG, but {} is none; leave --depth out or name the output .png", .0.display())]
+    #[error("--depth chooses the bits of a PNG, but {} is none; leave --depth out or name the output \
+        .png", .0.display())]
     DepthWithoutPng(PathBuf),
     #[error("--device chooses a Vulkan device, but --backend cpu uses none; leave one of them out")]
     DeviceWithCpu,
@@ -476,7 +478,8 @@ impl RenderArgs {
         let interrupt = Interrupt::install();
         let mut backend = self.open_backend()?;
         let (mut settings, mut inputs, samples) = self.read(false)?;
-        if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, Some(&interrupt))? {
+        let wanted = Some(samples);
+        if self.choose_quality(backend.as_mut(), &inputs.scene, &settings, wanted, Some(&interrupt))? {
             (settings, inputs, _) = self.read(false)?;
         }
         self.check_own_maps(settings.method)?;
@@ -508,7 +511,7 @@ impl RenderArgs {
         warn_of_caps(&rendering);
         destination.write(&rendering.picture, &self.command_line())?;
         if let Some(path) = &self.stats {
-            Stats::new(&job, &rendering, build, backend.device(), used).write(path)?;
+            Stats::new(&job, &rendering, backend.as_ref(), used).write(path)?;
         }
         if rendering.interrupted {
             return Err(CliError::Interrupted(destination.path));

@@ -81,13 +81,14 @@ pub struct Framing {
     pub target: Vec3,
 }
 
-/// [`Frame::detail`](emboss_kernels::interface::Frame::detail) with which a micro-triangle covers no more than `pixels`² of a
-/// pixel on a film of `width` by `height`, as long as it is not displaced.
+/// [`Frame::detail`](emboss_kernels::interface::Frame::detail) with which a micro-triangle covers no more than
+/// `pixels`² of a pixel on a film of `width` by `height`, as long as it is not displaced.
 ///
 /// At distance 1 a part of an edge may be as long as `pixels` pixels are wide there in the middle of the film. Then a
-/// micro-triangle, no angle of whose corners matters, has at most half the square of that for its area, and the film at an
-/// angle a from its middle shows it 1/cos³ a times as large: at an angle of 37 degrees, of pictures of 4:3 with a field of
-/// view above 49, that is up to the whole square, and where the film's corners are farther out lengths are the shorter.
+/// micro-triangle, no angle of whose corners matters, has at most half the square of that for its area, and the film at
+/// an angle a from its middle shows it 1/cos³ a times as large: at an angle of 37 degrees, of pictures of 4:3 with a
+/// field of view above 49, that is up to the whole square, and where the film's corners are farther out lengths are the
+/// shorter.
 pub fn detail(view: &View, width: u32, height: u32, pixels: f32) -> f32 {
     let up = (f64::from(view.fov).to_radians() * 0.5).tan();
     let right = up * f64::from(width) / f64::from(height);
@@ -154,7 +155,8 @@ struct Axes {
 }
 
 impl Axes {
-    /// Where the eye has to be, relative to `center`, for all corners of the boxes to be in the picture, as near as possible.
+    /// Where the eye has to be, relative to `center`, for all corners of the boxes to be in the picture, as near as
+    /// possible.
     ///
     /// With a corner's coordinates (x, y, z) along the axes and the eye's (a, b, c), the point is left of the right
     /// edge where x - a <= t (z - c), t the half width: a - t c >= x - t z. The greatest right sides of this and of

@@ -27,8 +27,8 @@ pub fn words(map: &HeightMap) -> u64 {
     }
 }
 
-/// The words of a map with those of its other levels behind them, in its format, and its roughness under each of `wraps`:
-/// see [`Displacement::roughness`](emboss_kernels::interface::Displacement::roughness).
+/// The words of a map with those of its other levels behind them, in its format, and its roughness under each of
+/// `wraps`: see [`Displacement::roughness`](emboss_kernels::interface::Displacement::roughness).
 ///
 /// Each texel is the mean of what it covers of the level before, and lies within the range of that.
 pub fn with_levels(map: &HeightMap, wraps: &[u32]) -> (Vec<u32>, Vec<f32>) {
@@ -178,7 +178,8 @@ impl Place {
 /// The greatest difference of two levels as a filter reads them.
 ///
 /// Both are bilinear between the lines through the texel centres of either, and so is their difference: it is greatest
-/// where two of these lines cross. In a map that repeats, that holds across its border too, since each line there is in it.
+/// where two of these lines cross. In a map that repeats, that holds across its border too, since each line there is in
+/// it.
 fn greatest_difference(finer: &Level, coarser: &Level, wrap: u32) -> f32 {
     let lines = |fine: u32, coarse: u32| -> Vec<[Place; 2]> {
         let centers = |size: u32| (0..size).map(move |i| (f64::from(i) + 0.5) / f64::from(size));
@@ -241,8 +242,8 @@ pub fn texel_scales(mesh: &Mesh, heights: &Heights) -> Vec<TexelScale> {
 /// The size of texels where a triangle has no extent in its map. Not infinite: the kernels interpolate it.
 const LARGEST: f32 = 1e30;
 
-/// What share of a triangle's extent in its map a pixel is taken to cover at the most: boxes, which hold the surface from
-/// wherever it is seen, get larger with it.
+/// What share of a triangle's extent in its map a pixel is taken to cover at the most: boxes, which hold the surface
+/// from wherever it is seen, get larger with it.
 const MOST_OF_TRIANGLE: f32 = 0.5;
 
 /// The greatest power of two up to `x`, from 1 to 2^30; 1 for NaN.
@@ -280,8 +281,8 @@ mod tests {
         assert_eq!(with_levels(&halves, &[]).0, [1000 | 2001 << 16, 1501]);
     }
 
-    /// No place of the filtered map is farther from the map than its roughness says, and some place is nearly as far. Sides
-    /// are odd, so that texels of levels lie anywhere.
+    /// No place of the filtered map is farther from the map than its roughness says, and some place is nearly as far.
+    /// Sides are odd, so that texels of levels lie anywhere.
     #[test]
     fn levels_differ_by_no_more_than_the_roughness() {
         for (width, height) in [(16, 16), (13, 9), (64, 1)] {

@@ -1,5 +1,5 @@
-//! The height maps of a scene as the kernels read them: texels one map behind the other, with room for a min/max pyramid
-//! of each, which backends build.
+//! The height maps of a scene as the kernels read them: texels one map behind the other, with room for a min/max
+//! pyramid of each, which backends build.
 
 use crate::height_levels;
 use crate::render::RenderError;
@@ -143,8 +143,8 @@ pub fn build_pyramids(displacements: &[Displacement], texels: &[u32], ranges: &m
     }
 }
 
-/// Least and greatest height of all maps; of none an infinite range, the wrong way round. Of vector displacement 0 and the
-/// greatest length.
+/// Least and greatest height of all maps; of none an infinite range, the wrong way round. Of vector displacement 0 and
+/// the greatest length.
 pub fn range(displacements: &[Displacement], features: Features) -> (f32, f32) {
     if features.displacement != displacement_kind::HEIGHT {
         let greatest = |map: &Displacement| map.height_min.abs().max(map.height_max.abs());

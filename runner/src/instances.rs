@@ -1,7 +1,7 @@
 //! Instances on the host: their transforms, the room of their meshes' trees, and the tree over them.
 //!
-//! Nodes lie in one buffer: first those of the tree over the instances, 2 i - 1 for i of them, then 2 m - 1 for each mesh of
-//! m triangles, in the order of the instances. Both trees may have fewer; what is left is not read.
+//! Nodes lie in one buffer: first those of the tree over the instances, 2 i - 1 for i of them, then 2 m - 1 for each
+//! mesh of m triangles, in the order of the instances. Both trees may have fewer; what is left is not read.
 
 use crate::bvh::{Hlbvh, HostAabb};
 use emboss_kernels::aabb::Aabb;
@@ -52,8 +52,8 @@ pub fn placed(world_from_object: DAffine3) -> Option<Instance> {
     (finite && stretch <= MOST_STRETCH && shear <= Instance::MOST_SHEAR).then_some(instance)
 }
 
-/// The instances of all parts, in their order, each part's in its own; the index of the part whose transform does not do
-/// where there is one.
+/// The instances of all parts, in their order, each part's in its own; the index of the part whose transform does not
+/// do where there is one.
 ///
 /// # Errors
 /// Which part has a place that [`placed`] does not take.

@@ -109,8 +109,8 @@ impl Destination {
     }
 
     /// Writes the picture to a temporary file beside its place, then renames it: whatever fails on the way, an older
-    /// file at the path is kept and no half-written one is left. `command` is what makes the picture again: a PNG has it
-    /// in a text chunk.
+    /// file at the path is kept and no half-written one is left. `command` is what makes the picture again: a PNG has
+    /// it in a text chunk.
     pub fn write(&self, picture: &Picture, command: &str) -> Result<(), PictureError> {
         let failed = |reason| PictureError::Write { path: self.path.clone(), reason };
         let mut file = self.temporary()?;

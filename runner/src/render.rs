@@ -29,8 +29,8 @@ use std::time::{Duration, Instant};
 pub struct Scene {
     /// The base mesh.
     pub mesh: Mesh,
-    /// Its height maps, at least one (of vectors three for each: see [`Settings::displacement`]); triangles name theirs in
-    /// [`Triangle::displacement`].
+    /// Its height maps, at least one (of vectors three for each: see [`Settings::displacement`]); triangles name theirs
+    /// in [`Triangle::displacement`].
     ///
     /// [`Triangle::displacement`]: emboss_kernels::interface::Triangle::displacement
     pub reliefs: Vec<Relief>,
@@ -40,8 +40,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// The meshes that the mesh is made of, where they have places of their own; else none: it stands as it is.
     pub parts: Vec<Part>,
-    /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS). Where N is
-    /// [adaptive](Settings::adaptive) the greatest, a power of two.
+    /// N: parts of each triangle's side, 1 to [`MAX_SUBDIVISIONS`](emboss_kernels::interface::MAX_SUBDIVISIONS). Where
+    /// N is [adaptive](Settings::adaptive) the greatest, a power of two.
     pub subdivisions: u32,
 }
 
@@ -67,8 +67,8 @@ impl Job {
     /// spaces. Returns where the camera is.
     ///
     /// # Errors
-    /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is no
-    /// camera as asked for.
+    /// [`RenderError::OutOfRange`] where the model is too large or too small, [`RenderError::Framing`] where there is
+    /// no camera as asked for.
     pub fn frame_view(&mut self, boxes: &[Aabb]) -> Result<Framing, RenderError> {
         let mut boxes = Cow::Borrowed(boxes);
         if !self.buffers.instances.is_empty() {
@@ -99,8 +99,8 @@ pub struct Cuts {
 }
 
 impl Job {
-    /// How finely the triangles are cut, of each instance for itself, seen by the job's camera. Of no triangles N is the
-    /// greatest.
+    /// How finely the triangles are cut, of each instance for itself, seen by the job's camera. Of no triangles N is
+    /// the greatest.
     pub fn cuts(&self) -> Cuts {
         let viewpoint = Viewpoint::new(&self.frame);
         let SceneBuffers { triangles, vertices, instances, .. } = &self.buffers;
@@ -161,7 +161,8 @@ pub enum RenderError {
     Framing(#[from] FramingError),
     /// The film is larger than this machine's memory.
     #[error(
-        "a picture of {width}x{height} needs {needed} MiB, but only {available} MiB of memory are free; choose a smaller --size"
+        "a picture of {width}x{height} needs {needed} MiB, but only {available} MiB of memory are free; choose a \
+            smaller --size"
     )]
     Memory {
         /// Pixels of a row.
@@ -175,7 +176,8 @@ pub enum RenderError {
     },
     /// The model is out of the range that distances, areas and volumes are computed in.
     #[error(
-        "the displaced model reaches from {min} to {max}, but floats compute with sizes between {SMALLEST:e} and {LARGEST:e}; scale the model, or change SCALE"
+        "the displaced model reaches from {min} to {max}, but floats compute with sizes between {SMALLEST:e} and \
+            {LARGEST:e}; scale the model, or change SCALE"
     )]
     OutOfRange {
         /// Lower corner of its box.
@@ -185,7 +187,8 @@ pub enum RenderError {
     },
     /// A height map's texels are too large to be filtered.
     #[error(
-        "a height map has texels from {min:e} to {max:e}, but floats filter texels up to {LARGEST_TEXEL:e}; scale the map down, and SCALE up"
+        "a height map has texels from {min:e} to {max:e}, but floats filter texels up to {LARGEST_TEXEL:e}; scale the \
+            map down, and SCALE up"
     )]
     TexelsTooLarge {
         /// The least texel.
@@ -277,8 +280,8 @@ fn available_memory() -> Option<u64> {
     kib.checked_mul(1024)
 }
 
-/// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs its
-/// maps.
+/// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs
+/// its maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
@@ -373,8 +376,8 @@ fn count(len: usize) -> u32 {
     u32::try_from(len).unwrap_or(u32::MAX)
 }
 
-/// Takes `samples` samples of every pixel of a loaded job. Calls `progress` with the share done (0 to 1) between tiles; `Break`
-/// ends the rendering, and the picture is what there is by then.
+/// Takes `samples` samples of every pixel of a loaded job. Calls `progress` with the share done (0 to 1) between tiles;
+/// `Break` ends the rendering, and the picture is what there is by then.
 pub fn render(
     backend: &mut dyn Backend,
     job: &Job,

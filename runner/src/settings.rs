@@ -70,8 +70,8 @@ impl Method {
         }
     }
 
-    /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest walks
-    /// (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
+    /// The number of triangles tested by a primary ray that `--shade steps` shows red: two prisms' worth of the longest
+    /// walks (6N) or of all micro-triangles, 32 leaves of a quadtree, or 64 base triangles or stored micro-triangles.
     pub fn many_steps(self, subdivisions: u32) -> u32 {
         match self {
             Method::Quadtree => 128,
@@ -230,7 +230,8 @@ impl FromStr for Subdivisions {
         };
         read.ok_or_else(|| {
             format!(
-                "{text} is no N; write a whole number from 1 to {MAX_SUBDIVISIONS} such as 16, auto, or auto:PIXELS with 0.1 to 64 pixels"
+                "{text} is no N; write a whole number from 1 to {MAX_SUBDIVISIONS} such as 16, auto, or auto:PIXELS \
+                    with 0.1 to 64 pixels"
             )
         })
     }
@@ -285,10 +286,11 @@ pub enum ChannelOrder {
 impl ChannelOrder {
     /// Channels for tangent, bitangent and normal, or for x, y and z, each with the sign that it takes.
     ///
-    /// In tangent space the three programs agree: red along the tangent, green along the normal, blue along the bitangent. Blender's
-    /// manual says so of its Vector Displacement node, Maya's of the maps of Mudbox (with *Absolute Tangent*); of ZBrush it is what
-    /// importers take 25 for, the setting that is advised for Maya. (It has 48.) In object space they are x, y and z, where
-    /// Blender's z is up: the OBJ files that it writes have its z as y, and its y as -z, unless told otherwise.
+    /// In tangent space the three programs agree: red along the tangent, green along the normal, blue along the
+    /// bitangent. Blender's manual says so of its Vector Displacement node, Maya's of the maps of Mudbox (with
+    /// *Absolute Tangent*); of ZBrush it is what importers take 25 for, the setting that is advised for Maya. (It has
+    /// 48.) In object space they are x, y and z, where Blender's z is up: the OBJ files that it writes have its z as y,
+    /// and its y as -z, unless told otherwise.
     pub fn axes(self, kind: DisplacementKind) -> [(usize, f32); 3] {
         let sign = |(channel, negative)| (channel, if negative { -1.0 } else { 1.0 });
         match (self, kind) {
@@ -475,14 +477,14 @@ pub struct Settings {
     pub normal_map: Option<NormalMap>,
     /// The offset map of [`Method::BumpOffset`]; `None`: it is made from the height map.
     pub offset_map: Option<OffsetMap>,
-    /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis each
-    /// (tangent, bitangent, normal; x, y, z), and triangles name the first.
+    /// What the texels of height maps displace along. Of vectors [`Scene::reliefs`] has three for each map, an axis
+    /// each (tangent, bitangent, normal; x, y, z), and triangles name the first.
     ///
     /// [`Scene::reliefs`]: crate::render::Scene::reliefs
     pub displacement: DisplacementKind,
-    /// Where N of each triangle follows its distance to the camera: how many pixels the parts of its sides may be long where
-    /// they are not displaced. N is the least power of two that does it, up to [`Scene::subdivisions`], itself one. `None`:
-    /// that is N everywhere. See [`detail`](crate::framing::detail).
+    /// Where N of each triangle follows its distance to the camera: how many pixels the parts of its sides may be long
+    /// where they are not displaced. N is the least power of two that does it, up to [`Scene::subdivisions`], itself
+    /// one. `None`: that is N everywhere. See [`detail`](crate::framing::detail).
     ///
     /// [`Scene::subdivisions`]: crate::render::Scene::subdivisions
     pub adaptive: Option<f32>,
@@ -492,8 +494,8 @@ pub struct Settings {
     pub weld: Weld,
     /// What a pixel shows.
     pub shade: Shade,
-    /// Whether light is reflected by the displaced surface's own normals instead of its micro-triangles': a small N then
-    /// shades like a large one.
+    /// Whether light is reflected by the displaced surface's own normals instead of its micro-triangles': a small N
+    /// then shades like a large one.
     pub smooth: bool,
     /// Whether lights cast shadows.
     pub shadows: bool,

@@ -1,6 +1,8 @@
 //! What a rendering took, as `--stats` writes it.
 
-use crate::backend::{BuildReport, DeviceInfo, distance_maps, is_stored, micro_vertices, tree_primitives};
+use crate::backend::{
+    Backend, BuildReport, PipelineCode, distance_maps, is_stored, micro_vertices, tree_primitives,
+};
 use crate::render::{Job, Rendering, Scene};
 use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
 use emboss_kernels::aabb::Aabb;
@@ -45,6 +47,9 @@ pub struct Stats {
     pub device: String,
     /// Memory of what the kernels read and write.
     pub bytes: Bytes,
+    /// The code that the device got for this scene, counters included; null on the CPU backend, where all is in the
+    /// program.
+    pub pipelines: Option<Vec<PipelineCode>>,
     /// Work of all rays.
     pub work: Work,
     /// What was asked for.
@@ -184,13 +189,9 @@ impl SettingsUsed {
 
 impl Stats {
     /// The statistics of a rendering whose work was counted ([`Settings::counting`]).
-    pub fn new(
-        job: &Job,
-        rendering: &Rendering,
-        build: BuildReport,
-        device: &DeviceInfo,
-        settings: SettingsUsed,
-    ) -> Stats {
+    pub fn new(job: &Job, rendering: &Rendering, backend: &dyn Backend, settings: SettingsUsed) -> Stats {
+        let (build, device) = (backend.build_report(), backend.device());
+        let pipelines = backend.pipelines();
         let work = Work::new(rendering);
         let rays = work.primary_rays + work.shadow_rays;
         let triangles = job.buffers.triangles.len() as u64;
@@ -212,6 +213,7 @@ impl Stats {
             backend: device.backend,
             device: device.name.clone(),
             bytes: Bytes::new(job, build),
+            pipelines: (!pipelines.is_empty()).then_some(pipelines),
             work,
             settings,
         }
@@ -291,9 +293,14 @@ impl Bytes {
         self.nodes + self.primitives
     }
 
-    /// Height maps, and what is made of them.
-    pub(crate) fn height_maps(&self) -> u64 {
-        self.height_texels + self.height_ranges + self.distances + self.normal_texels
+    /// What is made of the height maps for rays to skip what they cannot meet: min/max pyramids and distance maps.
+    pub(crate) fn trees(&self) -> u64 {
+        self.height_ranges + self.distances
+    }
+
+    /// Height maps, and maps of normals or of offsets.
+    pub(crate) fn maps(&self) -> u64 {
+        self.height_texels + self.normal_texels
     }
 
     /// Everything but the film and the colour maps, which are the same whatever the method.

@@ -227,6 +227,7 @@ fn statistics_have_every_number() {
     }
     assert_eq!(stats["backend"], "cpu");
     assert_eq!(stats.get("device_ms"), Some(&Value::Null), "there, and null on the CPU");
+    assert_eq!(stats.get("pipelines"), Some(&Value::Null), "there, and null on the CPU");
     assert!(stats["device"].is_string());
     let settings = &stats["settings"];
     assert_eq!((&settings["N"], &settings["seed"], &settings["samples"]), (&4.into(), &1.into(), &2.into()));
@@ -582,7 +583,8 @@ const PLAIN: &str = "[render]\nwidth = 40\nheight = 20\nsamples = 1\nambient = 1
 #[test]
 fn a_scene_file_says_what_is_rendered() {
     let scene = format!(
-        "{PLAIN}[material.idle]\n[material.paint]\ncolor = \"red.png\"\n[[model]]\npath = \"two.obj\"\nmaterial = {{ a = \"paint\" }}\n"
+        "{PLAIN}[material.idle]\n[material.paint]\ncolor = \"red.png\"\n[[model]]\npath = \"two.obj\"\n\
+         material = {{ a = \"paint\" }}\n"
     );
     let place = scene_place(&scene);
     let run = place.run(&["render", "scene.toml", "--backend=cpu", "--output=out.png"]).succeeded();
@@ -626,8 +628,8 @@ fn paths_are_relative_to_the_scene_file() {
     assert_eq!(halves(&place.path("sub/out.png")), [[255, 0, 0]; 2]);
 }
 
-/// The two triangles again, each of a file of its own, brought to their places by transforms: the right one's file has it
-/// mirrored, half as large, upside down and elsewhere.
+/// The two triangles again, each of a file of its own, brought to their places by transforms: the right one's file has
+/// it mirrored, half as large, upside down and elsewhere.
 #[test]
 fn models_stand_where_their_transforms_put_them() {
     let left = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";

@@ -197,6 +197,28 @@ fn the_same_command_goes_on_and_another_is_refused() {
     );
 }
 
+/// A file that the model names is changed, as long as before.
+#[test]
+fn changed_materials_are_another_comparison() {
+    let place = Place::new();
+    let square = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    std::fs::write(place.path("m.obj"), square).expect("writable");
+    let with_color = |kd: &str| {
+        std::fs::write(place.path("m.mtl"), format!("newmtl a\nKd {kd}\n")).expect("writable");
+        let small = ["--size=8x6", "--samples=1", "--backend=cpu", "--time=0"];
+        let only = ["--methods=none", "--reference=1", "--output=out"];
+        place.run(&[&["compare", "m.obj"][..], &small, &only].concat())
+    };
+    assert_eq!(with_color("1 0 0").status.code(), Some(0));
+    assert!(stdout(&with_color("1 0 0")).contains("Going on in out: 1 of 1"));
+    let files = place.json("out/results.json")["identity"]["files"].clone();
+    let names: Vec<_> = files.as_array().expect("files").iter().map(|file| file["path"].clone()).collect();
+    assert_eq!(names, ["m.obj", "m.mtl"]);
+    let other = with_color("0 1 0");
+    assert_eq!(other.status.code(), Some(1));
+    assert!(stderr(&other).contains("a file of the scene was") && stderr(&other).contains("m.mtl"));
+}
+
 /// What was measured before Ctrl-C is there, and the exit code says what happened.
 #[cfg(unix)]
 #[test]
@@ -254,7 +276,8 @@ fn wrong_usage_is_told() {
 fn budgets_choose_a_method() {
     let place = Place::new();
     let chosen = |arguments: &[&str]| {
-        let render = ["render", "builtin:cube", "--size=48x36", "--samples=1", "--backend=cpu"];
+        // So many samples that they take longer than preparation, which is alike for most methods.
+        let render = ["render", "builtin:cube", "--size=48x36", "--samples=64", "--backend=cpu"];
         let run = place.run(&[&render[..], arguments].concat());
         assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
         let line = stdout(&run).lines().find(|line| line.starts_with("Chose ")).map(str::to_owned);
@@ -263,7 +286,23 @@ fn budgets_choose_a_method() {
     // What else the machine does may spoil the times of one run, hardly those of three.
     let chooses_none = |arguments: &[&str]| (0..3).any(|_| chosen(arguments).starts_with("Chose none:"));
     assert!(chooses_none(&["--quality=1"]));
-    assert!(chosen(&["--quality=0"]).starts_with("Chose quadtree N="));
+    let exact = chosen(&["--quality=0"]);
+    assert!(exact.starts_with("Chose quadtree N=") && exact.contains("nothing else is both"), "{exact}");
     // A flat relief.
     assert!(chooses_none(&["--quality=0", "--exaggerate=0"]));
+}
+
+/// A scene file may ask for adaptive N, which most methods cannot have: the chosen one gets an N that it can.
+#[test]
+fn budgets_go_before_what_a_scene_file_says() {
+    let place = Place::new();
+    let scene = "[render]\nmethod = \"quadtree\"\nn = \"auto\"\n[[model]]\nbuiltin = \"cube\"\n";
+    std::fs::write(place.path("s.toml"), scene).expect("writable");
+    let run =
+        place.run(&["render", "s.toml", "--size=24x18", "--samples=16", "--backend=cpu", "--quality=1"]);
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let said = stdout(&run);
+    let line = said.lines().find(|line| line.starts_with("Chose ")).expect("a choice");
+    assert!(!line.starts_with("Chose quadtree") && line.contains("times as quick as quadtree"), "{said}");
+    assert!(said.contains("->"), "{said}");
 }

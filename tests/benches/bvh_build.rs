@@ -1,6 +1,6 @@
-//! The HLBVH on the processor beside the binned reference and the PLOC builder of the obvhs crate: `cargo bench --package
-//! emboss-tests`. Builders take turns, so that what else the machine does slows all of them; times are medians
-//! as multiples of the HLBVH's, by the clock on the wall, from boxes to a tree in memory.
+//! The HLBVH on the processor beside the binned reference and the PLOC builder of the obvhs crate: `cargo bench
+//! --package emboss-tests`. Builders take turns, so that what else the machine does slows all of them; times are
+//! medians as multiples of the HLBVH's, by the clock on the wall, from boxes to a tree in memory.
 #![expect(clippy::print_stdout, reason = "prints a table")]
 
 use emboss::bench::scene;
@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 /// Builds of each size by each builder: a median of seven outlives three interruptions.
 const ROUNDS: usize = 7;
 
-/// PLOC alone, whose neighbours are those beside it, and as obvhs sets it by default for a fast and for a middling build, with
-/// reinsertion; leaves hold one primitive, as ours do.
+/// PLOC alone, whose neighbours are those beside it, and as obvhs sets it by default for a fast and for a middling
+/// build, with reinsertion; leaves hold one primitive, as ours do.
 const PLOC: [(&str, BvhBuildParams); 3] = [
     ("PLOC, fastest", BvhBuildParams::fastest_build()),
     ("PLOC, fast", BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() }),

@@ -85,10 +85,10 @@ pub struct Tallies {
 
 impl Tallies {
     /// Asserts that the rays were a test: of random ones at least two in five hit, more than half have no choice, and
-    /// nearly all hits are sure to be hits of something. The floors lie below the least that was measured: clear are 3/4
-    /// on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, and sure of the aimed ones 0.27 on the quilt at N = 1.
-    /// Of random hits more than `sure` in a hundred must be: 99 under heights, 98 under vectors, since these fold the knot so that
-    /// there are outlines everywhere, and 0.99 was measured.
+    /// nearly all hits are sure to be hits of something. The floors lie below the least that was measured: clear are
+    /// 3/4 on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, and sure of the aimed ones 0.27 on the quilt
+    /// at N = 1. Of random hits more than `sure` in a hundred must be: 99 under heights, 98 under vectors, since these
+    /// fold the knot so that there are outlines everywhere, and 0.99 was measured.
     ///
     /// # Panics
     /// Where they were not.
@@ -374,9 +374,9 @@ fn rays(
     runs.par_iter().flat_map_iter(run).collect()
 }
 
-/// A solid whose neighbours agree on nothing but where they are: a cube of 12 triangles with leaning normals and texture
-/// charts of their own on each face, the faces alternating between two maps of random texels; a fin at one of its edges,
-/// which so has three sides; and beside it a triangle with its back, whose normals cancel.
+/// A solid whose neighbours agree on nothing but where they are: a cube of 12 triangles with leaning normals and
+/// texture charts of their own on each face, the faces alternating between two maps of random texels; a fin at one of
+/// its edges, which so has three sides; and beside it a triangle with its back, whose normals cancel.
 pub fn patchwork(seed: u64, formats: [u32; 2], subdivisions: u32) -> Scene {
     let mut numbers = Numbers::new(seed);
     let (mut vertices, mut triangles, mut maps) = (Vec::new(), Vec::new(), Vec::new());

@@ -142,11 +142,12 @@ impl OracleCase {
 
 /// Judges rays through instances: an oracle for each mesh in its own space.
 ///
-/// The truth is the transform that was asked for, in f64. What f32 makes of it moves the ray in object space. Let W be its
-/// matrix, O the inverse, T and T' the translations, x what is hit, o the origin, d the direction. Rounding W and T moves the
-/// surface by u |O| (|W||x| + |T|) in object space; rounding O and T' moves the ray's origin by u (|O||o| + |T'|), and
-/// computing it by four to six times that, |T'| <= |O||T|. The direction is off by u (|O||W||O||d| + |O||d|) for the matrices,
-/// 5 u |O||d| for products and sums, and each component by 10 u of itself (two quotients; the CPU's are 2 u).
+/// The truth is the transform that was asked for, in f64. What f32 makes of it moves the ray in object space. Let W be
+/// its matrix, O the inverse, T and T' the translations, x what is hit, o the origin, d the direction. Rounding W and T
+/// moves the surface by u |O| (|W||x| + |T|) in object space; rounding O and T' moves the ray's origin by u (|O||o| +
+/// |T'|), and computing it by four to six times that, |T'| <= |O||T|. The direction is off by
+/// u (|O||W||O||d| + |O||d|) for the matrices, 5 u |O||d| for products and sums, and each component by 10 u of itself
+/// (two quotients; the CPU's are 2 u).
 struct InstanceOracle {
     meshes: Vec<Oracle>,
     /// The greatest coordinate of each mesh's surface.
@@ -181,8 +182,8 @@ impl InstanceOracle {
         }
     }
 
-    /// Whether a reported hit is what rounding allows: right in its instance, and nothing certain before it in another. Else
-    /// the instance that says no, and why.
+    /// Whether a reported hit is what rounding allows: right in its instance, and nothing certain before it in another.
+    /// Else the instance that says no, and why.
     fn judge(&self, ray: &Ray, reported: &Intersection) -> Result<Clarity, (usize, Disagreement)> {
         let mut clarity = Clarity::Clear;
         for (i, place) in self.places.iter().enumerate() {

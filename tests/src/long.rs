@@ -7,8 +7,8 @@
 //! | `EMBOSS_RAYS=COUNT` | so many rays a case (or a test, where it shares them out), in either mode |
 //! | `EMBOSS_DEVICE=NAME` | the Vulkan device of the long mode, for want of it the first hardware one |
 //!
-//! Each case ends with a line on standard output, which a test program shows with `--nocapture`. A test program reads no
-//! file, so that it can be taken to another machine; cases of several tests are told apart by running one test at
+//! Each case ends with a line on standard output, which a test program shows with `--nocapture`. A test program reads
+//! no file, so that it can be taken to another machine; cases of several tests are told apart by running one test at
 //! a time: `EMBOSS_LONG=1 EMBOSS_LONG_FROM=2 ./exact --nocapture --exact knot_is_exact`.
 
 use crate::{finish, lavapipe};

@@ -51,9 +51,9 @@ impl Solid {
     }
 }
 
-/// A sphere of radius 1: an icosahedron whose faces are split in four `levels` times. Its normals are shared, its texture
-/// coordinates are longitude and latitude: split along the date line, where they go on beyond 1, and at the poles, where
-/// each triangle has its own longitude.
+/// A sphere of radius 1: an icosahedron whose faces are split in four `levels` times. Its normals are shared, its
+/// texture coordinates are longitude and latitude: split along the date line, where they go on beyond 1, and at the
+/// poles, where each triangle has its own longitude.
 pub fn icosphere(levels: u32) -> Solid {
     let (mut points, mut triangles) = icosahedron();
     for _ in 0..levels {
@@ -110,8 +110,8 @@ fn spherical_chart(points: [DVec3; 3]) -> [Vertex; 3] {
     })
 }
 
-/// The cube of side 2 with 24 vertices: normals are split at every edge, and each face has a chart of its own, of a size
-/// and place in the map that no other has.
+/// The cube of side 2 with 24 vertices: normals are split at every edge, and each face has a chart of its own, of a
+/// size and place in the map that no other has.
 pub fn cube() -> Solid {
     let axes = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
     let mut vertices = Vec::new();

@@ -1,12 +1,13 @@
 //! Who is right: the micro-triangle surface in f64, met by rays in the plainest way.
 //!
 //! The oracle reads what the host hands to the kernels (vertices, triangles with the numbers of their maps, texels,
-//! settings) and shares no code with them: its own height maps, its own decisions at seams, its own micro-vertices, which
-//! it stores, its own tree of boxes around them, its own ray/triangle test in the plane across the ray. It does not look
-//! at what the host worked out of these: bounds on heights, pyramids, tables of seams, the BVH.
+//! settings) and shares no code with them: its own height maps, its own decisions at seams, its own micro-vertices,
+//! which it stores, its own tree of boxes around them, its own ray/triangle test in the plane across the ray. It does
+//! not look at what the host worked out of these: bounds on heights, pyramids, tables of seams, the BVH.
 //!
-//! Tangents of vertices are the host's, as their normals are. With [`Features::seams`] set, triangles whose vertices stand at the same places share the micro-vertices there,
-//! whatever else they disagree on; without, where they do not share vertices and map, an edge is a border of both.
+//! Tangents of vertices are the host's, as their normals are. With [`Features::seams`] set, triangles whose vertices
+//! stand at the same places share the micro-vertices there, whatever else they disagree on; without, where they do not
+//! share vertices and map, an edge is a border of both.
 //!
 //! # When f32 may differ
 //! To first order in the unit roundoff u, every f32 result is exact for micro-vertices that are moved a little:
@@ -88,8 +89,8 @@ impl From<&Ray> for WideRay {
 /// Everything that a ray comes near to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// All micro-triangles within [`lateral_error`](Self::lateral_error) of the ray's line, nearest first, but for those
-    /// that lie behind its origin for certain.
+    /// All micro-triangles within [`lateral_error`](Self::lateral_error) of the ray's line, nearest first, but for
+    /// those that lie behind its origin for certain.
     pub meetings: Vec<Meeting>,
     /// Bound on how far, seen along the ray, f32 arithmetic moves a vertex: in model units.
     pub lateral_error: f64,

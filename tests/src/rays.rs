@@ -205,8 +205,8 @@ impl<'a> LeakRays<'a> {
         LeakRays { view, field: HeightField::new(&view, job.features), inside, seed }
     }
 
-    /// Rays number `first` to `first + count`, made in parallel. They take edge after edge of the base mesh's triangles,
-    /// so that 24 rays for each triangle (8 kinds for 3 edges) come to all.
+    /// Rays number `first` to `first + count`, made in parallel. They take edge after edge of the base mesh's
+    /// triangles, so that 24 rays for each triangle (8 kinds for 3 edges) come to all.
     pub fn rays(&self, first: u64, count: usize) -> Vec<Ray> {
         (0..count.div_ceil(Self::CHUNK))
             .into_par_iter()

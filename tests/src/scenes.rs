@@ -62,8 +62,8 @@ pub fn mushroom(subdivisions: u32) -> Scene {
     Scene { mesh: builtin.mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions }
 }
 
-/// The scene with vector maps for its height maps: two more of random texels to each, of its size and format, and of the same
-/// zero and scale.
+/// The scene with vector maps for its height maps: two more of random texels to each, of its size and format, and of
+/// the same zero and scale.
 pub fn with_vectors(mut scene: Scene, numbers: &mut Numbers) -> Scene {
     let reliefs = std::mem::take(&mut scene.reliefs);
     for relief in reliefs {
@@ -138,8 +138,9 @@ impl ReadyJob {
         self.scene.set_view(&self.job.frame, &self.job.buffers.lights).expect("the light is the frame's");
     }
 
-    /// Looks from so near, by pixels so wide, that where maps are filtered some places are read from the maps themselves and
-    /// others from their levels: over the middle of the model a pixel covers four texels, or what is not too rough for that.
+    /// Looks from so near, by pixels so wide, that where maps are filtered some places are read from the maps
+    /// themselves and others from their levels: over the middle of the model a pixel covers four texels, or what is not
+    /// too rough for that.
     ///
     /// # Panics
     /// Where maps are not filtered.
@@ -263,8 +264,8 @@ pub fn tiles() -> Scene {
     }
 }
 
-/// A level sheet of 16 x 16 squares that do not touch under a map of two texels: squares lie on the one or the other by turns, so
-/// that a scale lifts them into two layers.
+/// A level sheet of 16 x 16 squares that do not touch under a map of two texels: squares lie on the one or the other by
+/// turns, so that a scale lifts them into two layers.
 pub fn checkered_sheet() -> Scene {
     const SIDE: u16 = 16;
     let corner = |i: u16, j: u16, x: u16, y: u16| Vertex {

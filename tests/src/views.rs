@@ -10,7 +10,8 @@ use emboss::settings::{DisplacementKind, Settings};
 use emboss_kernels::displacement::subdivisions::{Subdivisions, Viewpoint};
 use glam::Vec3;
 
-/// The scene as it is seen from `eye` on a film of one pixel, of which parts of a triangle's side may be `pixels` long: the pixel is
+/// The scene as it is seen from `eye` on a film of one pixel, of which parts of a triangle's side may be `pixels` long:
+/// the pixel is
 /// 0.63 wide at distance 1. N is at most `most`, a power of two.
 pub fn seen(scene: Scene, eye: Vec3, pixels: f32, most: u32, settings: &Settings) -> ReadyJob {
     let view = View { eye: Some(eye), ..View::default() };
@@ -38,8 +39,8 @@ pub fn greatest_step(job: &ReadyJob) -> u32 {
     cuts(job).flat_map(|cut| cut.steps).max().unwrap_or(1)
 }
 
-/// A placed solid under noise that displaces it by up to a tenth of its room, with a second map on every other triangle where
-/// `second_map` says so.
+/// A placed solid under noise that displaces it by up to a tenth of its room, with a second map on every other triangle
+/// where `second_map` says so.
 pub fn rough(placed: &Placed, kind: DisplacementKind, second_map: bool, numbers: &mut Numbers) -> Scene {
     let components = if kind == DisplacementKind::Height { 1_u8 } else { 3 };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
@@ -56,7 +57,8 @@ pub fn rough(placed: &Placed, kind: DisplacementKind, second_map: bool, numbers:
     Scene { mesh, reliefs, materials: vec![Material::default()], parts: vec![], subdivisions: 1 }
 }
 
-/// An eye next to a vertex of the mesh, `away` times the size of its box from it: some triangles are near, most are far.
+/// An eye next to a vertex of the mesh, `away` times the size of its box from it: some triangles are near, most are
+/// far.
 pub fn near_a_vertex(placed: &Placed, away: f32, numbers: &mut Numbers) -> Vec3 {
     let vertices = &placed.mesh.vertices;
     let [low, high] = [Vec3::min, Vec3::max]

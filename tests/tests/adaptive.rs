@@ -63,7 +63,8 @@ fn polylines(job: &ReadyJob) -> HashMap<[[u32; 3]; 2], Vec<Vec<[u32; 3]>>> {
     polylines
 }
 
-/// The surface's border over each edge is the same to the bit for all triangles there, however differently they are cut.
+/// The surface's border over each edge is the same to the bit for all triangles there, however differently they are
+/// cut.
 #[test]
 fn triangles_have_one_polyline_over_an_edge() {
     let mut numbers = Numbers::new(1);
@@ -163,7 +164,8 @@ fn scenes_seen_from_nearby_are_exact() {
     }
 }
 
-/// While the camera comes nearer in a straight line, no triangle is cut into fewer parts than before: nothing goes back and forth.
+/// While the camera comes nearer in a straight line, no triangle is cut into fewer parts than before: nothing goes back
+/// and forth.
 #[test]
 #[expect(clippy::print_stdout, reason = "the number of changes is what EXACTNESS.md states")]
 fn n_only_grows_while_the_camera_approaches() {

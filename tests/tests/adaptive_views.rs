@@ -1,4 +1,5 @@
-//! What adaptive N shows, and what it saves: micro-triangles in pixels, pictures against the finest, pictures on a path.
+//! What adaptive N shows, and what it saves: micro-triangles in pixels, pictures against the finest, pictures on a
+//! path.
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
@@ -129,7 +130,8 @@ fn areas(job: &ReadyJob, every: u32) -> Vec<f64> {
     areas
 }
 
-/// Of flat models no micro-triangle is larger than a pixel, of displaced ones few are: relief makes them steeper and longer.
+/// Of flat models no micro-triangle is larger than a pixel, of displaced ones few are: relief makes them steeper and
+/// longer.
 #[test]
 #[expect(clippy::print_stdout, reason = "the shares are what EXACTNESS.md states")]
 fn micro_triangles_are_smaller_than_pixels() {
@@ -155,8 +157,8 @@ fn micro_triangles_are_smaller_than_pixels() {
     }
 }
 
-/// On an approach by 1 % a frame pictures differ from the ones before by as much as they do for a fixed N: what changes is the
-/// view, and hardly the surface.
+/// On an approach by 1 % a frame pictures differ from the ones before by as much as they do for a fixed N: what changes
+/// is the view, and hardly the surface.
 #[test]
 #[expect(clippy::print_stdout, reason = "the ratio is what EXACTNESS.md states")]
 fn n_does_not_flicker_on_a_path() {

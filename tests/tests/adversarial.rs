@@ -1,5 +1,5 @@
-//! Rays, meshes and maps that have every reason to go wrong: the quadtree against brute force, which shares the surface and
-//! the triangle test with it and nothing else, bit for bit; and against the surface in f64.
+//! Rays, meshes and maps that have every reason to go wrong: the quadtree against brute force, which shares the surface
+//! and the triangle test with it and nothing else, bit for bit; and against the surface in f64.
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;

@@ -1,4 +1,5 @@
-//! The HLBVH as the processor builds it, by the kernels: valid whatever the boxes, as good as the reference, and refitted.
+//! The HLBVH as the processor builds it, by the kernels: valid whatever the boxes, as good as the reference, and
+//! refitted.
 
 use emboss::bvh::{Bvh, Hlbvh};
 use emboss_kernels::aabb::Aabb;

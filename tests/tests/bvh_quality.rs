@@ -18,8 +18,8 @@ use emboss_kernels::scene::SceneView;
 use emboss_tests::scenes::{self, ReadyJob};
 use rayon::prelude::*;
 
-/// The bound of the HLBVH's SAH cost and of the boxes that a ray tests in it, as a multiple of the binned builder's: the
-/// promise, not what was measured, which this prints.
+/// The bound of the HLBVH's SAH cost and of the boxes that a ray tests in it, as a multiple of the binned builder's:
+/// the promise, not what was measured, which this prints.
 const MOST: f64 = 1.10;
 /// The picture whose primary rays are counted.
 const WIDTH: u32 = 160;
@@ -38,8 +38,8 @@ fn steps(job: &ReadyJob, bvh: &Bvh) -> f64 {
     (0..WIDTH * HEIGHT).into_par_iter().map(boxes).sum::<u64>() as f64 / f64::from(WIDTH * HEIGHT)
 }
 
-/// The tree whose every split is that of the kernels' sorted Morton codes at the highest bit in which they differ: what the
-/// HLBVH is without its top.
+/// The tree whose every split is that of the kernels' sorted Morton codes at the highest bit in which they differ: what
+/// the HLBVH is without its top.
 fn morton_splits(boxes: &[Aabb]) -> Bvh {
     assert!(boxes.iter().all(|&bounds| is_sound(bounds)) && !boxes.is_empty());
     let count = u32::try_from(boxes.len()).expect("a test's scene");

@@ -21,10 +21,10 @@ fn work(method: Method, subdivisions: u32, counter: u32) -> f64 {
 
 /// The quadtree by the table of costs in EXACTNESS.md, which this prints, and the walk, which is the control.
 ///
-/// Each doubling of N adds a level to the quadtree, and a ray that crosses the surface at one place reaches as many of a
-/// level's nodes whatever the level is: those around the ray in the column that the heights leave. Of each that it reaches
-/// it tests the four children, so that 20 a doubling are five reached, in the mean over rays that hit the quilt and
-/// rays that do not; 16.4 is the most that was measured, at the greatest N. The walk's cells double with N.
+/// Each doubling of N adds a level to the quadtree, and a ray that crosses the surface at one place reaches as many of
+/// a level's nodes whatever the level is: those around the ray in the column that the heights leave. Of each that it
+/// reaches it tests the four children, so that 20 a doubling are five reached, in the mean over rays that hit the quilt
+/// and rays that do not; 16.4 is the most that was measured, at the greatest N. The walk's cells double with N.
 #[test]
 #[expect(clippy::print_stdout, reason = "the table is what the test is run by hand for")]
 fn cost_of_the_quadtree_grows_with_the_logarithm_of_n() {

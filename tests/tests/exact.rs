@@ -102,8 +102,8 @@ fn grid_walk_is_as_wrong_as_is_said_of_it() {
             assert!(wrong.iter().all(behind), "{wrong:?}");
             let percent = 100.0 * wrong.len() as f64 / of_each as f64;
             row += &format!(" {percent:>6.2} %");
-            // Half to twice as many; of shares near 0, five of 10,000 rays more or fewer. Other rays stay within that, a
-            // walk that is better or worse than stated does not.
+            // Half to twice as many; of shares near 0, five of 10,000 rays more or fewer. Other rays stay within that,
+            // a walk that is better or worse than stated does not.
             let close = 0.5 * stated - 0.05..=2.0 * stated + 0.05;
             assert!(close.contains(&percent), "{row}, stated are {stated} %");
         }

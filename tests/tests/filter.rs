@@ -1,5 +1,5 @@
-//! Texture filtering: on the way from near to far, pictures of one sample stay near those of many, and outlines where they
-//! are.
+//! Texture filtering: on the way from near to far, pictures of one sample stay near those of many, and outlines where
+//! they are.
 
 use emboss::backend::cpu::CpuBackend;
 use emboss::picture::Picture;
@@ -25,7 +25,8 @@ fn noise() -> ColorMap {
     ColorMap { width: SIDE, height: SIDE, format: color_format::FLOAT32, texels }
 }
 
-/// The quilt's square under noise, repeated `times` over its side, in ambient light: pixels show the map and nothing else.
+/// The quilt's square under noise, repeated `times` over its side, in ambient light: pixels show the map and nothing
+/// else.
 fn picture(times: f32, method: Method, filter: Filter, samples: u32) -> Picture {
     let (mut scene, settings) = builtin_scene("builtin:quilt", 8, 96, 72);
     scene.materials = vec![Some(noise()).into()];
@@ -42,9 +43,9 @@ fn picture(times: f32, method: Method, filter: Filter, samples: u32) -> Picture 
     rendered(&mut CpuBackend::new(), &dark, samples)
 }
 
-/// Against pictures of 64 samples, which are themselves off by an eighth of what one sample of the noise deviates by, 0.19:
-/// by 0.024. One filtered sample is off by no more than 0.06, a third of that deviation, and from 8 repeats on, where
-/// a pixel's mean says little, by no more than 0.03. One unfiltered sample is off by all of it.
+/// Against pictures of 64 samples, which are themselves off by an eighth of what one sample of the noise deviates by,
+/// 0.19: by 0.024. One filtered sample is off by no more than 0.06, a third of that deviation, and from 8 repeats on,
+/// where a pixel's mean says little, by no more than 0.03. One unfiltered sample is off by all of it.
 #[test]
 #[expect(clippy::print_stdout, reason = "docs/SHADING.md shows the table")]
 fn pictures_of_one_sample_stay_near_those_of_many_on_the_way_to_afar() {
@@ -91,9 +92,9 @@ fn surroundings(picture: &Picture, x: usize, y: usize) -> (bool, bool) {
     (least == 1.0, most == 0.0)
 }
 
-/// On the way from near to afar no outline is off by more than a pixel: what either picture covers with all pixels around, the
-/// other covers too, and what it leaves free with all around stays free. High bumps are read as they are: levels would take
-/// their tops, which the outline is made of.
+/// On the way from near to afar no outline is off by more than a pixel: what either picture covers with all pixels
+/// around, the other covers too, and what it leaves free with all around stays free. High bumps are read as they are:
+/// levels would take their tops, which the outline is made of.
 #[test]
 fn outlines_stay_within_a_pixel_on_the_way_to_afar() {
     let mut changed = 0;
@@ -117,9 +118,9 @@ fn outlines_stay_within_a_pixel_on_the_way_to_afar() {
     assert!(changed > 1000, "{changed} pixels are filtered");
 }
 
-/// Light on gentle bumps, of which a pixel covers more and more: by one sample it is off from the mean of many by what bumps
-/// there are within a pixel. Levels leave less of it: 0.43 to 0.59 was measured. They end where a pixel covers half a base
-/// triangle, so that farther out more is left again.
+/// Light on gentle bumps, of which a pixel covers more and more: by one sample it is off from the mean of many by what
+/// bumps there are within a pixel. Levels leave less of it: 0.43 to 0.59 was measured. They end where a pixel covers
+/// half a base triangle, so that farther out more is left again.
 #[test]
 #[expect(clippy::print_stdout, reason = "docs/SHADING.md shows the table")]
 fn distant_relief_is_calm() {

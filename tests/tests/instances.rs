@@ -54,8 +54,9 @@ fn through_one(view: &SceneView<'_>, job: &ReadyJob, instance: u32, ray: &Traver
     traverse(&view, job.features, ray, Query::Nearest, &mut Counts::default())
 }
 
-/// Rays from afar past a vertex that is an instance's farthest along an axis, at right angles to that, beside it by no more
-/// than rounding in object space may make of the distance: there the world and object space tell hits from misses apart.
+/// Rays from afar past a vertex that is an instance's farthest along an axis, at right angles to that, beside it by no
+/// more than rounding in object space may make of the distance: there the world and object space tell hits from misses
+/// apart.
 fn past_extremes(place: DAffine3, mesh: &Mesh, numbers: &mut Numbers) -> Vec<Ray> {
     let points: Vec<DVec3> =
         mesh.vertices.iter().map(|v| place.transform_point3(v.position.as_dvec3())).collect();
@@ -82,8 +83,8 @@ fn past_extremes(place: DAffine3, mesh: &Mesh, numbers: &mut Numbers) -> Vec<Ray
     rays
 }
 
-/// Boxes of instances lose no hit, also where rounding in the world and in object space decides apart; and the nearest of
-/// all is found, the lowest instance where several are.
+/// Boxes of instances lose no hit, also where rounding in the world and in object space decides apart; and the nearest
+/// of all is found, the lowest instance where several are.
 #[test]
 fn the_tree_over_instances_finds_what_each_of_them_holds() {
     for (round, scene) in [scenes::tiles(), rough(&meshes::icosphere(0), 3)].into_iter().enumerate() {
@@ -148,8 +149,8 @@ fn equal_instances_part_by_their_numbers() {
     }
 }
 
-/// In its own space a closed mesh is closed; so it is in any place. Rays that rounding in the world takes out of the mesh
-/// are none of it. Their outside stays outside,
+/// In its own space a closed mesh is closed; so it is in any place. Rays that rounding in the world takes out of the
+/// mesh are none of it. Their outside stays outside,
 /// mirrored or not.
 #[test]
 fn closed_meshes_are_closed_in_wild_places() {
@@ -201,8 +202,9 @@ fn corners(job: &ReadyJob, primitive: u32, cell: u32) -> [DVec3; 3] {
     corners.map(|corner| corner.as_dvec3())
 }
 
-/// A ray that leaves a hit to one side of its micro-triangle hits nothing of the same instance that lies wholly on the other
-/// (`reintersection.rs`), whatever rounding does on the way to the world and back. Sides are told in object space, in f64.
+/// A ray that leaves a hit to one side of its micro-triangle hits nothing of the same instance that lies wholly on the
+/// other (`reintersection.rs`), whatever rounding does on the way to the world and back. Sides are told in object
+/// space, in f64.
 #[test]
 fn rays_that_leave_instances_do_not_meet_what_they_leave() {
     let (mut left, mut seconds) = (0, 0);
@@ -252,8 +254,8 @@ fn rays_that_leave_instances_do_not_meet_what_they_leave() {
     assert!(left > 40_000 && seconds > 10_000, "{left} rays, {seconds} hit again");
 }
 
-/// Instances look as copies of the mesh in their places, whose heights are scaled with them: turned, mirrored, and one the
-/// other's shadow. Colour maps are read by levels, so that the density of texels tells too.
+/// Instances look as copies of the mesh in their places, whose heights are scaled with them: turned, mirrored, and one
+/// the other's shadow. Colour maps are read by levels, so that the density of texels tells too.
 #[test]
 fn instances_look_as_baked_copies() {
     const SCALE: f64 = 0.37;
@@ -289,8 +291,8 @@ fn instances_look_as_baked_copies() {
             let _ = backend.add_sample(0, &mut |_| std::ops::ControlFlow::Continue(())).expect("runs");
             backend.resolve().expect("there is a picture")
         });
-        // Rounding tells where next to an edge a ray hits: some 1e-6 of a micro-triangle's width, a share of pixels below
-        // 1e-3; a facet's normal is off by as much, and by it light and levels.
+        // Rounding tells where next to an edge a ray hits: some 1e-6 of a micro-triangle's width, a share of pixels
+        // below 1e-3; a facet's normal is off by as much, and by it light and levels.
         let differ = expected.iter().zip(&got).filter(|(a, b)| (**a - **b).abs().max_element() > 2e-3);
         let shown = expected.iter().filter(|pixel| pixel.w > 0.0).count();
         let differ = differ.count();

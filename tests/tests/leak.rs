@@ -132,8 +132,8 @@ fn assert_closed_under(
         for offset in OFFSETS {
             let placed = solid.placed(scale, offset);
             assert_surrounded(&placed);
-            // Where pixels are wider than micro-triangles, heights are known to half a pixel only, and each ray is tested against
-            // all of those around it.
+            // Where pixels are wider than micro-triangles, heights are known to half a pixel only, and each ray is
+            // tested against all of those around it.
             let most = if filter == Filter::Bilinear { 4096 } else { 7 };
             let numbers_and_shares = SUBDIVISIONS.into_iter().zip(SHARES).filter(|&(n, _)| n <= most);
             for (n, share) in numbers_and_shares {
@@ -169,7 +169,8 @@ fn assert_closed_under(
     assert!(total >= rays, "{total} rays");
 }
 
-/// The greatest N at the greatest distance from the origin, where each ray is tested against most of 10^8 micro-triangles.
+/// The greatest N at the greatest distance from the origin, where each ray is tested against most of 10^8
+/// micro-triangles.
 #[test]
 fn cube_is_closed_far_away_at_the_greatest_n() {
     let placed = meshes::cube().placed(1.0, 1e5);

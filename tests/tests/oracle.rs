@@ -117,8 +117,8 @@ fn edges_and_vertices_let_no_ray_through_from_afar() {
     judge_edges(1000.0, 0.3);
 }
 
-/// The same where edges run along the axes, so that they lie on the faces of their triangles' boxes: boxes have to reach
-/// as far as rounding moves vertices.
+/// The same where edges run along the axes, so that they lie on the faces of their triangles' boxes: boxes have to
+/// reach as far as rounding moves vertices.
 fn judge_aligned_edges(radii: f32, scale: f32) {
     let mut tally = Tally::default();
     for n in [1, 2, 5] {

@@ -36,8 +36,8 @@ struct Tally {
     rays: usize,
     /// Rays that hit something again.
     seconds: usize,
-    /// Those of them that have risen farther above the plane by then than rounding lifts a micro-vertex. Not counted where
-    /// it moves micro-vertices by more than a side: such micro-triangles lean any way.
+    /// Those of them that have risen farther above the plane by then than rounding lifts a micro-vertex. Not counted
+    /// where it moves micro-vertices by more than a side: such micro-triangles lean any way.
     risen: usize,
     /// Rays that hit what lies on the other side of the plane that they leave.
     behind: usize,
@@ -170,7 +170,8 @@ fn assert_left(solid: &Solid, map: WildMap, leaving: Leaving, rays: usize) -> Ta
     total
 }
 
-/// A solid moved so that one of its vertices is the origin, where coordinates, and with them the bounds on errors, vanish.
+/// A solid moved so that one of its vertices is the origin, where coordinates, and with them the bounds on errors,
+/// vanish.
 fn around_a_vertex(mut solid: Solid) -> Solid {
     let corner = solid.vertices[0].position;
     solid.vertices.iter_mut().for_each(|vertex| vertex.position -= corner);

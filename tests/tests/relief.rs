@@ -168,11 +168,12 @@ fn occlusion_converges_by_the_layers_square() {
     let means = LAYERS.map(|n| errors(Method::Occlusion, n).0);
     for pair in means.windows(2) {
         let ratio = pair[0] / pair[1];
-        // 4 where layers are thin; with 4 of them the ray moves by a twelfth of a wave between two, where the next order is a tenth.
+        // 4 where layers are thin; with 4 of them the ray moves by a twelfth of a wave between two, where the next
+        // order is a tenth.
         assert!((3.4..4.6).contains(&ratio), "{means:?}");
     }
-    // Curvature times an eighth of the distance's square: waves of amplitude HEIGHT / 4 in two directions, at right angles
-    // twice that, along a ray of at most 45 degrees.
+    // Curvature times an eighth of the distance's square: waves of amplitude HEIGHT / 4 in two directions, at right
+    // angles twice that, along a ray of at most 45 degrees.
     let curvature = 0.25 * f64::from(HEIGHT) * (4.0 * TAU).powi(2);
     for (n, mean) in LAYERS.into_iter().zip(means) {
         assert!(mean < curvature * layer(n).powi(2) / 8.0, "N = {n}: {means:?}");
@@ -183,7 +184,8 @@ fn occlusion_converges_by_the_layers_square() {
 #[test]
 fn the_exact_method_converges_to_the_same_waves() {
     let (mean, greatest) = errors_of_exact(512);
-    // An edge of 1/512 (sqrt(2) along the diagonal) under the curvature of both waves, twice over: by triangles and by texels.
+    // An edge of 1/512 (sqrt(2) along the diagonal) under the curvature of both waves, twice over: by triangles and by
+    // texels.
     let curvature = 0.25 * f64::from(HEIGHT) * (4.0 * TAU).powi(2) * 2.0;
     let bound = 2.0 * curvature * 2.0 / 512.0_f64.powi(2) / 8.0 / (1.0 - 0.71);
     assert!(greatest < bound + ROUNDING, "{greatest} {mean} {bound}");
@@ -250,7 +252,8 @@ fn vectors_and_adaptive_n_are_refused() {
     }
 }
 
-/// What the maps that are made from heights say of them: as these are between two texels, on a surface of one size of texels.
+/// What the maps that are made from heights say of them: as these are between two texels, on a surface of one size of
+/// texels.
 #[test]
 fn maps_made_from_heights_lean_as_these_do() {
     let rays = steep_rays(300);
@@ -265,8 +268,8 @@ fn maps_made_from_heights_lean_as_these_do() {
         for (ray, hit) in rays.iter().zip(hits(scene, method, &rays)) {
             let slope = |x: f32| f64::from(exaggeration) * amplitude * k * (k * f64::from(x)).cos();
             let normal = DVec3::new(-slope(hit.u), -slope(hit.v), 1.0).normalize();
-            // Differences over two texels miss a slope by (k / 1024)² / 6 of it, lines between them by 1/8 of that square, and
-            // 16 bits by 2^-15.
+            // Differences over two texels miss a slope by (k / 1024)² / 6 of it, lines between them by 1/8 of that
+            // square, and 16 bits by 2^-15.
             let bound = (0.3 * (k / f64::from(SIDE)).powi(2) + 3e-5) * f64::from(exaggeration.abs()) + 1e-6;
             assert!(
                 normal.distance(hit.normal.as_dvec3()) < 2.0 * bound,

@@ -1,5 +1,5 @@
-//! The methods that follow rays through stored surfaces, prisms and fields of distances, against the exact one and closed
-//! forms.
+//! The methods that follow rays through stored surfaces, prisms and fields of distances, against the exact one and
+//! closed forms.
 
 use bytemuck::bytes_of;
 use emboss::backend::cpu::CpuBackend;
@@ -161,8 +161,8 @@ impl Waves {
         TOP * (row(j) * (1.0 - t) + row(j + 1.0) * t)
     }
 
-    /// Where the ray first meets the waves over the whole plane: 3,000 steps between the greatest and the least height, a
-    /// tenth of a texel each at most, and bisection.
+    /// Where the ray first meets the waves over the whole plane: 3,000 steps between the greatest and the least height,
+    /// a tenth of a texel each at most, and bisection.
     fn first_crossing(&self, ray: &Ray) -> f64 {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let above = |t: f64| {
@@ -184,7 +184,8 @@ impl Waves {
     }
 }
 
-/// Rays from above, at 6 to 40 degrees, that meet the plane and the waves well within the square, each with where that is.
+/// Rays from above, at 6 to 40 degrees, that meet the plane and the waves well within the square, each with where that
+/// is.
 fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
     let (waves, mut numbers) = (Waves::new(), Numbers::new(12));
     let mut rays = Vec::new();
@@ -203,8 +204,8 @@ fn rays_to_waves(count: usize) -> Vec<(Ray, f64)> {
     rays
 }
 
-/// The share of rays for which a method finds another place than the first crossing: more than 10^-5 away, which is ten times what
-/// rounding makes of a distance of 2 where the ray and the waves are at least a few degrees apart.
+/// The share of rays for which a method finds another place than the first crossing: more than 10^-5 away, which is ten
+/// times what rounding makes of a distance of 2 where the ray and the waves are at least a few degrees apart.
 fn share_wrong(method: Method, n: u32, rays: &[(Ray, f64)]) -> f64 {
     share_far(method, n, rays, 1e-5)
 }
@@ -221,9 +222,9 @@ fn share_far(method: Method, n: u32, rays: &[(Ray, f64)], far: f64) -> f64 {
     (rays.len() - hits.iter().zip(rays).filter(is_right).count()) as f64 / rays.len() as f64
 }
 
-/// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest of
-/// radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. That holds while a step is longer than a texel:
-/// below that crests are wedges. All other rays are where they should be, whatever N.
+/// The share of rays that pass through a crest between two steps falls with the square of N: a ray that grazes a crest
+/// of radius r by d is below it for sqrt(8 r d), and d is as likely to be anything. That holds while a step is longer
+/// than a texel: below that crests are wedges. All other rays are where they should be, whatever N.
 #[test]
 fn inverse_misses_less_with_the_square_of_n() {
     let rays = rays_to_waves(20_000);
@@ -237,8 +238,8 @@ fn inverse_misses_less_with_the_square_of_n() {
     assert!(shares[0] < 0.08, "{shares:?}");
 }
 
-/// Its hits are those of bilinear patches; N only says when it gives up: the share of rays that are not done falls, and there
-/// is none once N is enough.
+/// Its hits are those of bilinear patches; N only says when it gives up: the share of rays that are not done falls, and
+/// there is none once N is enough.
 #[test]
 fn pyramid_finds_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
@@ -248,8 +249,9 @@ fn pyramid_finds_each_first_crossing_once_n_is_enough() {
     assert!(shares[3] <= 2.0 / rays.len() as f64, "{shares:?}");
 }
 
-/// Nearly all of its hits are right once no ray gives up; what is left are crests thinner along the ray than its least step, 1/512 of
-/// the map. While rays give up, four times N leaves less than a quarter of them: steps grow with the distance from the relief.
+/// Nearly all of its hits are right once no ray gives up; what is left are crests thinner along the ray than its least
+/// step, 1/512 of the map. While rays give up, four times N leaves less than a quarter of them: steps grow with the
+/// distance from the relief.
 #[test]
 fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
     let rays = rays_to_waves(5_000);
@@ -258,8 +260,8 @@ fn sphere_finds_nearly_each_first_crossing_once_n_is_enough() {
     assert!(shares[2] < 0.002, "{shares:?}");
 }
 
-/// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen to a
-/// texel, these are off by less than a patch bends in a cell.
+/// All of them converge to what the quadtree does, whose micro-triangles are the patches' chords: with N = 512, sixteen
+/// to a texel, these are off by less than a patch bends in a cell.
 #[test]
 fn the_quadtree_comes_to_the_same_places() {
     let rays = rays_to_waves(2_000);

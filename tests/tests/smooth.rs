@@ -92,8 +92,8 @@ fn compare_normals(job: &ReadyJob, numbers: &mut Numbers, points: usize, compare
     }
 }
 
-/// Against central differences in f64, on curved bases (normals lean by up to a right angle), under maps of all formats and
-/// wraps, both directions, both orientations, scales from 1e-6 to 1e6 up to a hundred sizes from the origin.
+/// Against central differences in f64, on curved bases (normals lean by up to a right angle), under maps of all formats
+/// and wraps, both directions, both orientations, scales from 1e-6 to 1e6 up to a hundred sizes from the origin.
 #[test]
 fn shading_normals_are_those_of_the_displaced_surface() {
     let mut numbers = Numbers::new(51);
@@ -119,8 +119,8 @@ fn traced(job: &ReadyJob, origin: Vec3, direction: Vec3) -> Option<(TraversalRay
     hit.is_some().then_some((ray, hit))
 }
 
-/// Light from behind a micro-triangle, seen from where the viewer is, gives nothing, wherever the shading normal points;
-/// and it is never more than what Lambert's law at the shading normal gives.
+/// Light from behind a micro-triangle, seen from where the viewer is, gives nothing, wherever the shading normal
+/// points; and it is never more than what Lambert's law at the shading normal gives.
 #[test]
 fn light_from_behind_the_surface_gives_nothing() {
     let mut numbers = Numbers::new(52);
@@ -158,8 +158,8 @@ fn light_from_behind_the_surface_gives_nothing() {
                 behind += 1;
                 tempted += u32::from(shading > 0.0);
             }
-            // Light arrives where shadow rays start, beyond the point's error: seen from there cosines up to 1 and distances
-            // differ by as much of the distance, which counts twice squared.
+            // Light arrives where shadow rays start, beyond the point's error: seen from there cosines up to 1 and
+            // distances differ by as much of the distance, which counts twice squared.
             let viewer = ng * side;
             let start = surface.spawn_origin(viewer.as_vec3()).as_dvec3();
             let moved = start.distance(surface.point.as_dvec3()) / to_light.length();
@@ -210,12 +210,12 @@ fn light_inside_a_closed_mesh_stays_there() {
     }
 }
 
-/// The error of pictures of few micro-triangles against those of N = 256, with and without smooth shading: measured to be
-/// from a half to nine tenths, and asserted to be less by a twentieth at the least.
+/// The error of pictures of few micro-triangles against those of N = 256, with and without smooth shading: measured to
+/// be from a half to nine tenths, and asserted to be less by a twentieth at the least.
 ///
-/// Not so for the cube's bumps of full height at N = 4 and 8, where a micro-triangle is wider than half a bump: what is not
-/// displaced stands elsewhere in the picture, so that finding light and shade there makes its error no less. A tenth as
-/// high they stay in place, and the error is that of shading.
+/// Not so for the cube's bumps of full height at N = 4 and 8, where a micro-triangle is wider than half a bump: what is
+/// not displaced stands elsewhere in the picture, so that finding light and shade there makes its error no less. A
+/// tenth as high they stay in place, and the error is that of shading.
 #[test]
 fn smooth_pictures_of_few_micro_triangles_are_nearer_to_those_of_many() {
     say(format_args!("| Scene | N | flat | smooth | smooth / flat |"));
@@ -273,8 +273,8 @@ fn leaning(job: &ReadyJob, points: usize) -> [f64; 2] {
     })
 }
 
-/// Shading normals are those of a triangle's own height field. Micro-triangles come nearer to them in proportion to 1 / N
-/// (asserted: by half for N four times as large), but for those at a seam that has heights or directions of its own.
+/// Shading normals are those of a triangle's own height field. Micro-triangles come nearer to them in proportion to 1 /
+/// N (asserted: by half for N four times as large), but for those at a seam that has heights or directions of its own.
 #[test]
 fn micro_triangles_approach_the_shading_normals_but_for_seams() {
     let mut before = [f64::INFINITY; 2];

@@ -1,5 +1,5 @@
-//! Vector displacement on the CPU against the oracle: every one of many rays hits the micro-triangle that exact arithmetic
-//! finds, or one that rounding cannot tell from it, wherever the surface hangs over or folds.
+//! Vector displacement on the CPU against the oracle: every one of many rays hits the micro-triangle that exact
+//! arithmetic finds, or one that rounding cannot tell from it, wherever the surface hangs over or folds.
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
@@ -53,8 +53,8 @@ fn cube_under_random_vectors_is_exact() {
     judge(scene, "cube", &[1, 3, 8, 17]);
 }
 
-/// Not at N = 17: there noise of its map's 1024 texels a side moves micro-vertices by more than their triangles' size within
-/// what rounding may do to texture coordinates, so that the oracle accepts almost anything.
+/// Not at N = 17: there noise of its map's 1024 texels a side moves micro-vertices by more than their triangles' size
+/// within what rounding may do to texture coordinates, so that the oracle accepts almost anything.
 #[test]
 fn knot_under_random_vectors_is_exact() {
     let scene = || with_vectors(scenes::builtin("builtin:knot"), &mut Numbers::new(7));

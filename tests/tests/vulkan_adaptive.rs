@@ -53,8 +53,8 @@ fn assert_solids_are_closed(backend: &mut dyn Backend, count: usize) {
         let traced = LeakRays::new(&job, &placed.inside, numbers.bits()).rays(0, count);
         let hits = backend.trace_rays(&traced).unwrap();
         for (ray, _) in traced.iter().zip(&hits).filter(|(_, hit)| hit.primitive == MISS) {
-            // Lavapipe leaves all loops of eight rays after 65535 turns together, which rays through vectors come to. Alone
-            // a ray has them for itself.
+            // Lavapipe leaves all loops of eight rays after 65535 turns together, which rays through vectors come to.
+            // Alone a ray has them for itself.
             let alone = backend.trace_rays(&[*ray]).unwrap()[0];
             assert!(alone.primitive != MISS, "turn {turn}: {ray:?} leaks, {:?}", job.frame);
             again += 1;

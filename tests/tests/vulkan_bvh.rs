@@ -25,8 +25,8 @@ fn trees_are_those_of_the_processor_node_for_node() {
     finish(backend);
 }
 
-/// Of 10^6 boxes, which take several rows of workgroups; in the long mode also of as many as have keys of two words, and of
-/// millions, on the device that it names.
+/// Of 10^6 boxes, which take several rows of workgroups; in the long mode also of as many as have keys of two words,
+/// and of millions, on the device that it names.
 #[test]
 fn large_trees_are_those_of_the_processor_before_and_after_a_refit() {
     let counts: &[u32] =

@@ -37,7 +37,7 @@ fn square() -> Settings {
 /// The frog as the original program shows it.
 fn monsterfrog(data: &Path, subdivisions: u32) -> (Scene, Settings) {
     let folder = data.join("monsterfrog");
-    let (mesh, _) = load_obj(&folder.join("monsterfrog_mapped.obj")).unwrap();
+    let mesh = load_obj(&folder.join("monsterfrog_mapped.obj")).unwrap().mesh;
     assert_eq!(mesh.triangles.len(), 2584);
     let height_map = load_height_map(&folder.join("monsterfrog-d.bmp"), 0.5, false).unwrap();
     let color_map = Some(load_color_map(&folder.join("monsterfrog-n.bmp")).unwrap());

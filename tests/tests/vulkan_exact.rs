@@ -1,7 +1,7 @@
-//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by a quarter of the rays for N of 1 and 3, a tenth for the
-//! greater N, whose rays take lavapipe up to 150 us of processor time each, and a fifth in what is no grid case. With
-//! `EMBOSS_RAYS=1000000` all grid cases have 10^6. In the [long mode](emboss_tests::long) they are as many as on the CPU,
-//! on a hardware device.
+//! The exact method on lavapipe, as `exact.rs` judges it on the CPU: by a quarter of the rays for N of 1 and 3, a tenth
+//! for the greater N, whose rays take lavapipe up to 150 us of processor time each, and a fifth in what is no grid
+//! case. With `EMBOSS_RAYS=1000000` all grid cases have 10^6. In the [long mode](emboss_tests::long) they are as many
+//! as on the CPU, on a hardware device.
 
 use emboss_tests::exact::Court;
 use emboss_tests::long::{is_long, on_device, rays};

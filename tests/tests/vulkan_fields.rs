@@ -13,8 +13,8 @@ use emboss_tests::flat::assert_all_methods_show_the_base_mesh;
 use emboss_tests::long::on_device;
 use emboss_tests::scenes::{self, builtin_scene};
 
-/// Micro-vertices that one module stores are those that another one computes: the hits of the same device's quadtree, to the
-/// bit. After heights have changed the picture is that of the CPU.
+/// Micro-vertices that one module stores are those that another one computes: the hits of the same device's quadtree,
+/// to the bit. After heights have changed the picture is that of the CPU.
 #[test]
 fn tessellate_is_quadtree() {
     on_device(|backend| {

@@ -1,7 +1,7 @@
 //! A closed mesh stays closed on a Vulkan device: the rays of `leak.rs`, on lavapipe.
 //!
-//! In the [long mode](emboss_tests::long) it is 10^9 rays in 88 cases, on a hardware device: every solid at every place for
-//! every N (0 to 79), then the extremes, 10^5 extents from the origin and N = 4096 (80 to 87). Cases share the rays
+//! In the [long mode](emboss_tests::long) it is 10^9 rays in 88 cases, on a hardware device: every solid at every place
+//! for every N (0 to 79), then the extremes, 10^5 extents from the origin and N = 4096 (80 to 87). Cases share the rays
 //! evenly, but for the dear ones: N = 1000 a hundred extents from the origin, where bounds are as wide as tens of
 //! micro-triangles and a ray is tested against ten times as many, and the extremes. These have a tenth of the
 //! others' share.
@@ -108,8 +108,8 @@ fn closed_meshes_are_closed_on_a_device() {
     let mut scenes = scenes();
     if !long::is_long() {
         // Some of each, since a device takes seconds to make its pipelines for a scene. Not those that take most work:
-        // lavapipe leaves all loops of eight rays after 65535 iterations together (LP_MAX_TGSI_LOOP_ITERATIONS), and what
-        // they would have found then is missed.
+        // lavapipe leaves all loops of eight rays after 65535 iterations together (LP_MAX_TGSI_LOOP_ITERATIONS), and
+        // what they would have found then is missed.
         scenes.retain(|scene| scene.job.frame.subdivisions < 64 && scene.share > 1);
         scenes = scenes.into_iter().step_by(7).collect();
     }

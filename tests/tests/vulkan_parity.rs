@@ -32,9 +32,10 @@ fn assert_alike(backend: &mut VulkanBackend, job: &Job, what: &str) -> Picture {
     picture
 }
 
-/// Asserts that the work was the same: rays exactly, hits but for the few rays on whose way rounding decides. The boxes of
-/// prisms differ by last places, which decide between planes of equal cost, of which a cube has many: so the trees may
-/// differ, and what rays test on their way by as much as trees that are held to be equally good (`bvh_quality.rs`: a tenth).
+/// Asserts that the work was the same: rays exactly, hits but for the few rays on whose way rounding decides. The boxes
+/// of prisms differ by last places, which decide between planes of equal cost, of which a cube has many: so the trees
+/// may differ, and what rays test on their way by as much as trees that are held to be equally good (`bvh_quality.rs`:
+/// a tenth).
 fn assert_same_work(device: &Totals, cpu: &Totals, what: &str) {
     assert_eq!(device[counter::PRIMARY_RAYS as usize], cpu[counter::PRIMARY_RAYS as usize], "{what}");
     for (i, (&device, &cpu)) in device.iter().zip(cpu).enumerate() {

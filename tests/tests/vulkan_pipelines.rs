@@ -1,12 +1,17 @@
-//! A pipeline holds the code that its scene needs and no other: a committed module, specialised, once with a feature and
-//! once without.
+//! A pipeline holds the code that its scene needs and no other: a committed module, specialised, once with a feature
+//! and once without.
 
+use emboss::backend::Backend;
 use emboss::backend::vulkan::specialize::specialize;
+use emboss::settings::{Method, Settings};
 use emboss_kernels::interface::{
     binding, color_format, displacement_kind, filter, height_format, method, normals, shade, wrap,
 };
 use emboss_kernels::scene::Features;
-use rspirv::dr::Operand;
+use emboss_tests::scenes;
+use emboss_tests::{finish, lavapipe};
+use rspirv::binary::Assemble;
+use rspirv::dr::{Module, Operand};
 use rspirv::spirv::{Decoration, Word};
 use std::collections::BTreeSet;
 use xtask::{module, module_path, workspace};
@@ -38,12 +43,19 @@ struct Code {
     bindings: BTreeSet<u32>,
 }
 
-/// The code of an entry point, which has all it calls inlined, specialised.
-fn specialized(entry_point: &str, features: Features) -> Code {
+/// What is left of a committed module, and the first id that it did not have before.
+fn left(entry_point: &str, features: Features) -> (Module, Word) {
     let committed = std::fs::read(workspace().join(module_path(entry_point))).unwrap();
     let words: Vec<u32> =
         committed.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect();
     let module = rspirv::dr::load_words(specialize(&words, &features.to_array()).unwrap()).unwrap();
+    // The header's fourth word is the bound of ids.
+    (module, words[3])
+}
+
+/// The code of an entry point, which has all it calls inlined, specialised.
+fn specialized(entry_point: &str, features: Features) -> Code {
+    let (module, _) = left(entry_point, features);
     let function = &module.functions[0];
     let read: BTreeSet<Word> = function
         .all_inst_iter()
@@ -147,6 +159,60 @@ fn methods_that_are_not_chosen_leave_no_code() {
         let one = specialized("render", Features { method, ..ALL }).instructions;
         assert!(3 * one < all, "method {method}: {one} of {all} instructions");
     }
+}
+
+/// Instructions keep their ids when a module is specialised, so that pipelines can be compared: each method has some
+/// that no other's pipeline has, but `bump`, which is also the last step of `parallax`. And the exact method's pipeline
+/// has hardly anything of what methods in image space have beside the code for no method: what reads a texel.
+#[test]
+fn methods_have_code_that_no_other_pipeline_has() {
+    let all: Vec<BTreeSet<Word>> = (0..=method::SPHERE)
+        .map(|method| {
+            let (module, bound) = left("render", Features { method, ..ALL });
+            let ids = module.functions[0].all_inst_iter().filter_map(|instruction| instruction.result_id);
+            ids.filter(|&id| id < bound).collect()
+        })
+        .collect();
+    for (method, own) in (0..).zip(&all) {
+        let others = || all.iter().zip(0..).filter(|&(_, other)| other != method);
+        let alone = own.iter().filter(|id| others().all(|(ids, _)| !ids.contains(id))).count();
+        assert!(
+            (alone > 0) == (method != method::BUMP),
+            "method {method}: {alone} of {} instructions",
+            own.len()
+        );
+        if method::is_image_space(method) {
+            let added: Vec<_> = own.difference(&all[method::NONE as usize]).collect();
+            let shared = added.iter().filter(|id| all[method::QUADTREE as usize].contains(id)).count();
+            assert!(10 * shared < added.len(), "method {method}: {shared} of {}", added.len());
+        }
+    }
+}
+
+/// What a backend says of its pipelines is what is left for the features of the scene that it has now.
+#[test]
+fn backends_know_the_code_of_their_pipelines() {
+    let mut backend = lavapipe();
+    let mut instructions = [0; 2];
+    for (method, counted) in [Method::Quadtree, Method::None].into_iter().zip(&mut instructions) {
+        let settings = Settings { width: 4, height: 3, method, ..Settings::default() };
+        let (scene, _) = scenes::builtin_scene("builtin:quilt", 2, 4, 3);
+        let job = scenes::job(scene, &settings);
+        backend.load(&job.buffers, &job.frame, job.features).unwrap();
+        let pipelines = backend.pipelines();
+        let of = |kernel| pipelines.iter().filter(|code| code.kernel == kernel).collect::<Vec<_>>();
+        let [render] = of("render")[..] else { panic!("{pipelines:?}") };
+        let (module, _) = left("render", job.features);
+        assert_eq!(render.instructions as usize, module.functions[0].all_inst_iter().count());
+        assert_eq!(render.bytes, 4 * module.assemble().len() as u64);
+        let committed = std::fs::metadata(workspace().join(module_path("render"))).unwrap();
+        assert_eq!(render.bytes_of_all, committed.len());
+        assert!(of("tessellate").is_empty() && !of("height_pyramid").is_empty(), "{pipelines:?}");
+        *counted = render.instructions;
+    }
+    // Far below: no search for the relief, none of its normals.
+    assert!(2 * instructions[1] < instructions[0], "{instructions:?}");
+    finish(backend);
 }
 
 /// What a method stores is read by its own pipelines alone.

@@ -24,8 +24,8 @@ fn assert_alike(job: &ReadyJob) {
     let host = job.view();
     let (triangles, seams) = backend.heights(host.triangles.len(), host.seams.len()).unwrap();
 
-    // A texel's conversion may be off by 2.5 ulp (5 u), then come a difference, a product and the sum with the margin: 8 u on
-    // either side. Texel coordinates are rounded too; these scenes have none on the border of a texel.
+    // A texel's conversion may be off by 2.5 ulp (5 u), then come a difference, a product and the sum with the margin:
+    // 8 u on either side. Texel coordinates are rounded too; these scenes have none on the border of a texel.
     let own_tolerance = |triangle: &Triangle| {
         16.0 * UNIT_ROUNDOFF * magnitude(&host.displacements[triangle.displacement as usize])
     };
@@ -35,8 +35,8 @@ fn assert_alike(job: &ReadyJob) {
         assert!((device.height_max - cpu.height_max).abs() <= worst, "{device:?} {cpu:?}");
         assert!(cpu.height_min < cpu.height_max);
     }
-    // Means of bilinear readings: 17 u and at most 3 + 4 u on the device, and the texel coordinates, off by 32 u of |uv| + 1
-    // times the map's side, at most 4 times 512 here, times steps of at most 1 from texel to texel.
+    // Means of bilinear readings: 17 u and at most 3 + 4 u on the device, and the texel coordinates, off by 32 u of
+    // |uv| + 1 times the map's side, at most 4 times 512 here, times steps of at most 1 from texel to texel.
     let side = host.displacements.iter().map(|map| map.map_width.max(map.map_height)).max().unwrap() as f32;
     let scale = host.displacements.iter().map(magnitude).fold(0.0, f32::max);
     let tolerance = UNIT_ROUNDOFF * (64.0 + 32.0 * 4.0 * side) * scale;
@@ -55,8 +55,8 @@ fn assert_alike(job: &ReadyJob) {
         |e: usize| host.seams.iter().any(|seams| seams.flags >> e & 1 != 0 && seams.heights[e] != 0.0);
     assert!(host.seams.is_empty() || (0..3).any(decided), "nothing is decided");
 
-    // A corner is computed by no more operations than a micro-vertex, for which boxes are padded by 28 u of coordinate and
-    // height: less than three times a box's greatest coordinate. What its height is off by comes on top.
+    // A corner is computed by no more operations than a micro-vertex, for which boxes are padded by 28 u of coordinate
+    // and height: less than three times a box's greatest coordinate. What its height is off by comes on top.
     for ((device, cpu), triangle) in
         backend.prism_boxes().unwrap().iter().zip(job.boxes()).zip(host.triangles)
     {

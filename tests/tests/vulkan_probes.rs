@@ -329,10 +329,11 @@ impl ExactPatch {
     }
 }
 
-/// Roots are judged by what they leave of the quadratic (their backward error), whatever its condition. Its coefficients
-/// are sums of at most four determinants of size S, each off by 8 u S (an unfused cross product, a dot product), and the
-/// polynomial of u in [0,1] by their sum; solving it adds the root's 9 u and the division's 5 u of the coefficients:
-/// 160 u S in all. Roots of the exact quadratic that are farther than that from 0, 1 and each other must be found.
+/// Roots are judged by what they leave of the quadratic (their backward error), whatever its condition. Its
+/// coefficients are sums of at most four determinants of size S, each off by 8 u S (an unfused cross product, a dot
+/// product), and the polynomial of u in [0,1] by their sum; solving it adds the root's 9 u and the division's 5 u of
+/// the coefficients: 160 u S in all. Roots of the exact quadratic that are farther than that from 0, 1 and each other
+/// must be found.
 #[test]
 fn patch_hits_agree() {
     let mut numbers = Numbers::new(6);
@@ -437,8 +438,8 @@ fn cells_agree() {
 }
 
 /// `Fma` rounds once or twice. The difference of products is within 1.5 ulp where it is fused, and otherwise off by a
-/// rounding of each product and of the result; its sign is what triangles at an edge share: it must be opposite when the
-/// products are exchanged.
+/// rounding of each product and of the result; its sign is what triangles at an edge share: it must be opposite when
+/// the products are exchanged.
 #[test]
 fn arithmetic_agrees_and_keeps_its_sign() {
     let mut numbers = Numbers::new(8);

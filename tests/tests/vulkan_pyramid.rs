@@ -84,8 +84,8 @@ fn square_side(entry: u32, level: u32, size: u32, wrap: Wrap) -> Vec<u32> {
     all.filter(|&x| wrap == Wrap::Repeat || x < size).map(|x| x % size).collect()
 }
 
-/// Fails unless every stored entry of a map's pyramid holds the texels of its square; and no more, unless the square goes
-/// round the map.
+/// Fails unless every stored entry of a map's pyramid holds the texels of its square; and no more, unless the square
+/// goes round the map.
 fn assert_holds_texels(job: &ReadyJob, ranges: &[u32], map: &Displacement, wrap: Wrap) {
     let format = job.features.height_format;
     let (width, height) = (map.map_width, map.map_height);

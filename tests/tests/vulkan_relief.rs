@@ -1,5 +1,5 @@
-//! Methods in image space on lavapipe: each makes the CPU's picture. Small ones, since lavapipe compiles each method for
-//! seconds.
+//! Methods in image space on lavapipe: each makes the CPU's picture. Small ones, since lavapipe compiles each method
+//! for seconds.
 
 use emboss::settings::{Method, Settings, Shade};
 use emboss_tests::compare::{against_cpu, rendered};

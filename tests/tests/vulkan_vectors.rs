@@ -1,4 +1,5 @@
-//! Vector displacement on lavapipe: what `vectors.rs` and `leak.rs` ask of the CPU, by fewer rays, and the CPU's pictures.
+//! Vector displacement on lavapipe: what `vectors.rs` and `leak.rs` ask of the CPU, by fewer rays, and the CPU's
+//! pictures.
 
 use emboss::backend::Backend;
 use emboss::render::Scene;

@@ -12,7 +12,8 @@ use xtask::workspace;
 pub(crate) fn build(name: &str) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")) && is_root()? && has_apt(),
-        "it can be built from packages only on Debian bookworm for x86_64, as root; elsewhere let rustup install {NIGHTLY}"
+        "it can be built from packages only on Debian bookworm for x86_64, as root; elsewhere let rustup install \
+            {NIGHTLY}"
     );
     say("building it from Debian's packages, about 20 minutes on 2 cores");
     let destination = data_folder()?.join(name);

@@ -8,6 +8,7 @@ mod process;
 mod spirv;
 mod test;
 mod toolchain;
+mod width;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -47,11 +48,7 @@ enum Command {
     /// Render the README's pictures into assets
     Pictures,
     /// Measure every method on the built-in scenes, and write docs/METHODS.md from that
-    Methods {
-        /// How long each scene is measured at least
-        #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-        time: u32,
-    },
+    Methods(methods::Measuring),
     /// A part of `spirv` that needs its own environment
     #[command(hide = true)]
     CompileKernels(spirv::Compilation),
@@ -76,7 +73,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Toolchain { rustup_only } => toolchain::provide(rustup_only),
         Command::Test { steps } => test::run(&steps),
         Command::Pictures => pictures::render(),
-        Command::Methods { time } => methods::write(time),
+        Command::Methods(measuring) => methods::write(&measuring),
         Command::CompileKernels(compilation) => spirv::compile(compilation),
     }
 }

@@ -20,6 +20,8 @@ pub(crate) enum Step {
     Packages,
     /// Every file is formatted
     Fmt,
+    /// No line of Rust is wider than 120 characters
+    Width,
     /// No lint speaks up
     Clippy,
     /// The documentation builds, its links lead somewhere
@@ -60,6 +62,7 @@ impl Step {
         match self {
             Self::Packages => install_packages(),
             Self::Fmt => passes(cargo().args(["fmt", "--all", "--check"])),
+            Self::Width => crate::width::check().map(|files| format!("{files} files")),
             Self::Clippy => {
                 let clippy = ["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"];
                 passes(cargo().args(clippy))
@@ -208,7 +211,8 @@ fn install_packages() -> Result<String> {
     let names = missing.join(" ");
     ensure!(
         has_apt(),
-        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, a display for the viewer); install it"
+        "missing: what Debian calls {names} (lavapipe, the Vulkan loader, the validation layers, a display for the \
+            viewer); install it"
     );
     ensure!(is_root()?, "missing: {names}; run `sudo apt-get install {names}`");
     run_command(Command::new("apt-get").args(["update", "-qq"]))?;

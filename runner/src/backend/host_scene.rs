@@ -63,7 +63,8 @@ impl HostScene {
     /// A copy of `scene`, checked, with its pyramids, heights, boxes and BVH.
     ///
     /// # Errors
-    /// [`BackendError::Unsound`] where the buffers do not fit each other, [`BackendError::Allocation`] where memory ends.
+    /// [`BackendError::Unsound`] where the buffers do not fit each other, [`BackendError::Allocation`] where memory
+    /// ends.
     pub fn new(scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<HostScene, BackendError> {
         scene.check(frame, features)?;
         let mut host =
@@ -168,8 +169,8 @@ impl HostScene {
         Ok(())
     }
 
-    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
-    /// its own.
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a
+    /// tessellation its own.
     fn prepare_prisms(&mut self) -> Result<(), BackendError> {
         let features = self.features;
         // Taken out, since the view of the rest is read meanwhile, which has neither.
@@ -255,8 +256,8 @@ impl HostScene {
         if is_stored(self.features) { &self.micro_boxes } else { &self.boxes }
     }
 
-    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `start` is when the
-    /// work began.
+    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `start` is when
+    /// the work began.
     fn update_bvh(&mut self, start: Instant) {
         // A triangle that was left out may be sound by now, which a refit would not notice.
         let mut trees = std::mem::take(&mut self.trees);

@@ -21,6 +21,7 @@ use emboss_kernels::relief::distance_map::{WORDS, is_turned};
 use emboss_kernels::relief::normal_texels::HEADER_WORDS;
 use emboss_kernels::scene::Features;
 use glam::Vec4;
+use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -356,7 +357,8 @@ fn turned_distances(loaded: &[Displacement], new: &[Displacement], features: Fea
     turned.map(|((map, _), _)| map).collect()
 }
 
-/// How many primitives the tree of a scene without instances is over: triangles, or the micro-triangles of a tessellation.
+/// How many primitives the tree of a scene without instances is over: triangles, or the micro-triangles of a
+/// tessellation.
 pub(crate) fn tree_primitives(frame: &Frame, features: Features) -> u32 {
     let n = if is_stored(features) { frame.subdivisions } else { 1 };
     // Checked to be few enough.
@@ -465,6 +467,19 @@ pub struct BuildReport {
     pub refitted: bool,
 }
 
+/// The code of a kernel's pipeline as a driver gets it: SPIR-V that is specialised for the features of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct PipelineCode {
+    /// The kernel.
+    pub kernel: &'static str,
+    /// Instructions of its functions, without declarations of types and constants.
+    pub instructions: u32,
+    /// The whole module.
+    pub bytes: u64,
+    /// The module before it was specialised, with the code for all features.
+    pub bytes_of_all: u64,
+}
+
 /// Totals of the work counters, in the order of [`counter`].
 pub type Totals = [u64; counter::COUNT];
 
@@ -516,7 +531,8 @@ pub enum BackendError {
     },
     /// More micro-triangles than a BVH holds.
     #[error(
-        "{triangles} triangles at N = {subdivisions} have {count} micro-triangles, but a BVH stores at most {MAX_PRIMITIVES}; \
+        "{triangles} triangles at N = {subdivisions} have {count} micro-triangles, but a BVH stores at most \
+            {MAX_PRIMITIVES}; \
          use N = {most} or less, or --method quadtree, which stores none"
     )]
     TooManyMicroTriangles {
@@ -575,13 +591,26 @@ pub trait Backend {
     fn device(&self) -> &DeviceInfo;
 
     /// Takes a scene, clears the film (`frame.width` x `frame.height`) and the counters, and makes the pipelines
-    /// with just the code that `features` ask for. Then computes what follows from the scene: the height maps' pyramids,
-    /// the heights of triangles and seams, the prisms' boxes, and the BVH over them. The camera may be missing as yet:
-    /// see [`set_view`](Self::set_view). After an error the backend holds an empty scene.
+    /// with just the code that `features` ask for. Then computes what follows from the scene: the height maps'
+    /// pyramids, the heights of triangles and seams, the prisms' boxes, and the BVH over them. The camera may be
+    /// missing as yet: see [`set_view`](Self::set_view). After an error the backend holds an empty scene.
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError>;
 
     /// What computing that took, and what came of it.
     fn build_report(&self) -> BuildReport;
+
+    /// The pipelines that hold code for the features of the loaded scene, in no order, without those that build BVHs,
+    /// which are the same for all scenes. None where there are no pipelines: on the CPU backend the code for each
+    /// choice of features is in the program.
+    fn pipelines(&self) -> Vec<PipelineCode> {
+        Vec::new()
+    }
+
+    /// How long pipelines were made since the backend was opened: the share of [`load`](Self::load) that a scene does
+    /// not cost again.
+    fn compile_time(&self) -> Duration {
+        Duration::ZERO
+    }
 
     /// The box of each triangle's prism: of the displaced triangle with all its micro-triangles.
     fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError>;
@@ -594,8 +623,8 @@ pub trait Backend {
     /// none.
     fn distance_maps(&mut self) -> Result<Vec<f32>, BackendError>;
 
-    /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light and
-    /// the shading's settings of `frame`, and with other lights. What of `frame` the scene decides (triangles, N,
+    /// Looks at the loaded scene in another way: with the camera, the film's size, the seed, the background, the light
+    /// and the shading's settings of `frame`, and with other lights. What of `frame` the scene decides (triangles, N,
     /// heights) is not read. Film and counters are cleared; nothing is built.
     fn set_view(&mut self, frame: &Frame, lights: &[PointLight]) -> Result<(), BackendError>;
 
@@ -605,11 +634,11 @@ pub trait Backend {
     /// does not suit them, is built anew.
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError>;
 
-    /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from the
-    /// features that it was loaded with, but for methods that need what the scene was not loaded with: a tessellation,
-    /// distance maps, a map of their own, other boxes. Film and counters are cleared; pipelines are made where they hold
-    /// other code, and nothing is built. (A scene is displaced by its scales alone, so that for [`method::NONE`] these
-    /// have to be 0: see [`set_displacements`](Self::set_displacements).)
+    /// Traces the loaded scene with other code: `method`, `shade`, `shadows`, `smooth` and `counters` may differ from
+    /// the features that it was loaded with, but for methods that need what the scene was not loaded with: a
+    /// tessellation, distance maps, a map of their own, other boxes. Film and counters are cleared; pipelines are made
+    /// where they hold other code, and nothing is built. (A scene is displaced by its scales alone, so that for
+    /// [`method::NONE`] these have to be 0: see [`set_displacements`](Self::set_displacements).)
     fn set_features(&mut self, features: Features) -> Result<(), BackendError>;
 
     /// Adds sample number `sample` to every pixel, part by part. Calls `progress` with the share done (0 to 1)
@@ -626,8 +655,8 @@ pub trait Backend {
     /// The work counters since the film was cleared.
     fn totals(&mut self) -> Result<Totals, BackendError>;
 
-    /// What the device took for the samples since the film was cleared, in milliseconds, without the host's time between
-    /// submissions: by its own clock, or by the host's where it has none. `None` on the CPU.
+    /// What the device took for the samples since the film was cleared, in milliseconds, without the host's time
+    /// between submissions: by its own clock, or by the host's where it has none. `None` on the CPU.
     fn device_ms(&mut self) -> Option<f64>;
 
     /// The nearest hit of each ray.
@@ -673,8 +702,8 @@ mod tests {
         (scene, frame, features)
     }
 
-    /// A map of their own is whole, and one in tangent space has the tangents that it is along. Going over to such a method,
-    /// or between boxes of the base mesh and of what it is displaced to, takes another scene.
+    /// A map of their own is whole, and one in tangent space has the tangents that it is along. Going over to such a
+    /// method, or between boxes of the base mesh and of what it is displaced to, takes another scene.
     #[test]
     fn methods_have_the_maps_that_they_read() {
         let (mut scene, frame, features) = sound();

@@ -30,8 +30,8 @@ pub trait Subject {
     fn tree(&mut self) -> Result<Bvh, BackendError>;
 }
 
-/// A tree built by the processor, timed by its clock. A build's time is that of its kernels, without the memory for what
-/// they leave; a refit's has the copying of the boxes.
+/// A tree built by the processor, timed by its clock. A build's time is that of its kernels, without the memory for
+/// what they leave; a refit's has the copying of the boxes.
 pub struct HostSubject<'a> {
     boxes: &'a [Aabb],
     bvh: Hlbvh,
@@ -243,20 +243,20 @@ fn median<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f64) -> Option<T> {
     items.get(items.len() / 2).copied()
 }
 
-/// Bytes that a build over `count` primitives reads from memory and writes to it, at the least: each dispatch reads each
-/// item that it needs once, and writes each that it changes. What stays in caches (a neighbour's key or split level,
-/// the bins and tasks of the top, a sibling's box, as it was just written) counts once or not at all. So does what there are
-/// thousands of, not millions: sums of scans.
+/// Bytes that a build over `count` primitives reads from memory and writes to it, at the least: each dispatch reads
+/// each item that it needs once, and writes each that it changes. What stays in caches (a neighbour's key or split
+/// level, the bins and tasks of the top, a sibling's box, as it was just written) counts once or not at all. So does
+/// what there are thousands of, not millions: sums of scans.
 ///
 /// Per primitive, with boxes of 24 bytes, nodes of 32, and keys of 4 or 8:
 /// - codes: boxes are read twice, once for the box of centres; key and number are written;
 /// - sort: each pass of eight bits reads one word of the key to count digits, then reads and writes key and number; for
 ///   four pairs there is a count, which is written, scanned (read twice and written), and read;
 /// - treelets: arrivals are cleared; keys are read and split levels written; these become flags, whose
-///   scan reads twice and writes; then number, treelet, levels and box are read, and the place in the order, two nodes, the
-///   arrival (twice) and the parent written;
-/// - top, per treelet: clearing, start, each level of a balanced tree reads its root, its task's number and writes this;
-///   in the end it is read once more, and two nodes are written with a parent.
+///   scan reads twice and writes; then number, treelet, levels and box are read, and the place in the order, two nodes,
+///   the arrival (twice) and the parent written;
+/// - top, per treelet: clearing, start, each level of a balanced tree reads its root, its task's number and writes
+///   this; in the end it is read once more, and two nodes are written with a parent.
 ///
 /// Where each primitive is a treelet nothing is sorted: codes write the treelets themselves.
 pub fn bytes_moved(count: u32) -> Phases {
@@ -362,8 +362,8 @@ mod tests {
         assert!(matches!(error, Err(BenchError::Invalid { primitives: 100, .. })), "{error:?}");
     }
 
-    /// By hand for keys of a word, four passes: codes 48 + 8; a pass 4 + 16, and 256 counts of 20 for each of 977 blocks;
-    /// treelets 4 + 8 + 20 + 116.
+    /// By hand for keys of a word, four passes: codes 48 + 8; a pass 4 + 16, and 256 counts of 20 for each of 977
+    /// blocks; treelets 4 + 8 + 20 + 116.
     #[test]
     fn bytes_are_those_of_the_algorithm() {
         let bytes = bytes_moved(1_000_000).scaled(1e-6);

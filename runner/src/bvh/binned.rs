@@ -17,8 +17,8 @@ const LEAF_SIZE: usize = 1;
 const BINS: usize = 16;
 
 impl Bvh {
-    /// Builds the reference tree over `boxes`, which may be empty, equal or flat; those that are not [sound](is_sound) are left
-    /// out. The same boxes give the same tree.
+    /// Builds the reference tree over `boxes`, which may be empty, equal or flat; those that are not [sound](is_sound)
+    /// are left out. The same boxes give the same tree.
     ///
     /// # Panics
     /// If there are more than `u32::MAX / 2` boxes: their nodes would have no index.
@@ -270,8 +270,9 @@ mod tests {
         assert_eq!(stats.depth, 10);
     }
 
-    /// On each of two axes, each point is 16 times as far as the one before: of the 16 bins the last holds the last point, the
-    /// first all others, so that every SAH split takes one point off. Unlimited, the tree of 120 points would be 119 deep.
+    /// On each of two axes, each point is 16 times as far as the one before: of the 16 bins the last holds the last
+    /// point, the first all others, so that every SAH split takes one point off. Unlimited, the tree of 120 points
+    /// would be 119 deep.
     #[test]
     fn geometric_progressions_keep_the_depth_limit() {
         let on_axis = |i: i32, axis: Vec3| axis * 2.0_f32.powi(4 * i - 120);

@@ -53,8 +53,8 @@ impl Hlbvh {
         tree
     }
 
-    /// Gives the nodes the boxes that the primitives have now. Returns whether all of those in the tree are sound: else it
-    /// has to be built again, and also where one that was left out has become sound.
+    /// Gives the nodes the boxes that the primitives have now. Returns whether all of those in the tree are sound: else
+    /// it has to be built again, and also where one that was left out has become sound.
     ///
     /// # Panics
     /// If there are not as many boxes as before.
@@ -98,8 +98,8 @@ impl Hlbvh {
         costs.iter().map(|cost| f64::from(f32::from_bits(cost.get()))).sum()
     }
 
-    /// Whether some treelet came out deeper than [`MAX_TREELET_DEPTH`](emboss_kernels::bvh::hlbvh::MAX_TREELET_DEPTH), and
-    /// was built again by halving.
+    /// Whether some treelet came out deeper than [`MAX_TREELET_DEPTH`](emboss_kernels::bvh::hlbvh::MAX_TREELET_DEPTH),
+    /// and was built again by halving.
     pub fn has_deep_treelets(&self) -> bool {
         self.state[header::DEEP_GROUPS as usize].get() > 0
     }

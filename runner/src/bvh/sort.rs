@@ -22,8 +22,8 @@ impl Scratch {
     }
 }
 
-/// Sorts `count` pairs by keys of `bits` bits, stably: see [`radix_sort`](emboss_kernels::bvh::radix_sort). They stand in
-/// the first halves of `keys` and `values`, and in the end in half
+/// Sorts `count` pairs by keys of `bits` bits, stably: see [`radix_sort`](emboss_kernels::bvh::radix_sort). They stand
+/// in the first halves of `keys` and `values`, and in the end in half
 /// [`result_half(bits)`](emboss_kernels::bvh::radix_sort::result_half).
 ///
 /// # Panics

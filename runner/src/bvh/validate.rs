@@ -66,8 +66,8 @@ pub enum BvhError {
 }
 
 impl Bvh {
-    /// Checks that each of `boxes` is in one leaf, those that are not [sound](is_sound) in none, that nodes hold their children and primitives, and that the
-    /// depth keeps its limit.
+    /// Checks that each of `boxes` is in one leaf, those that are not [sound](is_sound) in none, that nodes hold their
+    /// children and primitives, and that the depth keeps its limit.
     pub fn validate(&self, boxes: &[Aabb]) -> Result<BvhStats, BvhError> {
         let mut walk = Walk {
             bvh: self,

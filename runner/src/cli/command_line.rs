@@ -12,7 +12,8 @@ use std::fmt::Display;
 use std::path::Path;
 
 impl RenderArgs {
-    /// `emboss render` with these arguments, for a shell. Numbers have all the digits that it takes to get the same bits.
+    /// `emboss render` with these arguments, for a shell. Numbers have all the digits that it takes to get the same
+    /// bits.
     pub(super) fn command_line(&self) -> String {
         self.command_line_of("render", Some(&self.output))
     }
@@ -161,7 +162,8 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-/// A path as a shell takes it, and after it this program: one that begins with a minus is no option. Of one that is not UTF-8 the bytes are named, which most shells but not all of them know.
+/// A path as a shell takes it, and after it this program: one that begins with a minus is no option. Of one that is not
+/// UTF-8 the bytes are named, which most shells but not all of them know.
 fn path_word(path: &Path) -> String {
     let bytes = path.as_os_str().as_encoded_bytes();
     let is_marked = bytes.starts_with(b"-");
@@ -258,7 +260,8 @@ mod tests {
     #[test]
     fn command_line_is_what_it_was_parsed_from() {
         let given = "emboss render it's.obj none - 0.1 -0.3 7 --output a.png --depth 16 --size 3x5 --samples 2 \
-             --method grid-walk --normal-map n.png --normal-space world --normals linear --weld off --shade normal --smooth=off --backend cpu \
+             --method grid-walk --normal-map n.png --normal-space world --normals linear --weld off --shade normal \
+             --smooth=off --backend cpu \
              --device=4090 --eye=-1,0.33333334,3e-9 --target=1,2,3 --up=0,0,-1 --fov 20.5 \
              --light=-1,2,3:1,0.5,0:7 --light=1,2,3:1,1,1 --shadows off --exaggerate=-1.5 --displacement height \
              --channels=-r+b+g --wrap mirror --filter trilinear --invert --seed 9 --background=0,1,0 \

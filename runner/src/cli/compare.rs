@@ -1,15 +1,11 @@
-//! `emboss compare`, and `--quality` of the commands that show a picture.
+//! `emboss compare`.
 
 use super::interrupt::Interrupt;
-use super::values::OrDefault;
 use super::{CliError, RenderArgs, progress, say, values};
-use crate::backend::Backend;
-use crate::compare::quality::{Candidate, candidates, choose};
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
 use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
-use crate::render::Scene;
-use crate::settings::{Method, Settings, Shade, Subdivisions};
+use crate::settings::{Method, Shade, Subdivisions};
 use clap::ValueEnum;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -63,6 +59,8 @@ impl CompareArgs {
             command: self.command_line(),
             backend: device.backend.to_owned(),
             device: device.name.clone(),
+            details: device.details.clone(),
+            kernels: kernels_hash(),
             files: inputs
                 .files
                 .iter()
@@ -153,6 +151,13 @@ impl CompareArgs {
     }
 }
 
+/// The hash of the kernels' sources, which is what the CPU runs too.
+fn kernels_hash() -> String {
+    let manifest: Option<serde_json::Value> =
+        serde_json::from_str(include_str!("../../../assets/kernels.json")).ok();
+    manifest.and_then(|manifest| Some(manifest["source_hash"].as_str()?.to_owned())).unwrap_or_default()
+}
+
 /// Writes the page of all methods.
 pub(super) fn describe_methods(folders: &[PathBuf]) -> Result<(), CliError> {
     let all = folders.iter().map(|folder| Results::read(folder)).collect::<Result<Vec<_>, _>>();
@@ -177,60 +182,4 @@ fn say_results(store: &Store) {
         say(format_args!("{:<24} left out: {}", skipped.configuration.to_string(), skipped.reason));
     }
     say(format_args!("Wrote {}", store.folder().join("report.html").display()));
-}
-
-impl RenderArgs {
-    /// Refuses a budget together with what it chooses.
-    pub(super) fn check_quality(&self) -> Result<(), CliError> {
-        let n = self.subdivisions.and_then(OrDefault::given);
-        if self.quality.is_some() && (self.method.is_some() || n.is_some()) {
-            return Err(CliError::QualityWithChoice);
-        }
-        Ok(())
-    }
-
-    /// Where there is a budget, measures what is quickest within it, says so, and has it from then on as if it had been given.
-    /// Whether there was one.
-    pub(super) fn choose_quality(
-        &mut self,
-        backend: &mut dyn Backend,
-        scene: &Scene,
-        settings: &Settings,
-        interrupt: Option<&Interrupt>,
-    ) -> Result<bool, CliError> {
-        let Some(budget) = self.quality.take() else { return Ok(false) };
-        let mut watch = || {
-            let stop = interrupt.is_some_and(Interrupt::requested);
-            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        if !self.quiet {
-            say("Measuring methods on a small picture...");
-        }
-        let measured = candidates(backend, scene, settings, &mut watch).map_err(|error| match error {
-            CompareError::Interrupted => CliError::InterruptedEarly,
-            error => error.into(),
-        })?;
-        let chosen = choose(&measured, f64::from(budget)).ok_or(CliError::NoCandidate)?;
-        if !self.quiet {
-            measured.iter().for_each(|candidate| say(row(candidate, candidate == &chosen)));
-            say(format_args!("Chose {}: the quickest with FLIP {budget} at most", chosen.configuration));
-        }
-        self.method = Some(chosen.configuration.method);
-        if chosen.configuration.method != Method::NormalMap {
-            (self.normal_map, self.normal_space) = (None, None);
-        }
-        if chosen.configuration.method != Method::BumpOffset {
-            self.offset_map = None;
-        }
-        if let Some(n) = chosen.configuration.n {
-            self.subdivisions = Some(OrDefault::Given(n));
-        }
-        Ok(true)
-    }
-}
-
-fn row(candidate: &Candidate, is_chosen: bool) -> String {
-    let Candidate { configuration, error, frame_ms } = candidate;
-    let mark = if is_chosen { "->" } else { "" };
-    format!("{mark:<3}{:<22} FLIP {error:.5} {frame_ms:>10.3} ms", configuration.to_string())
 }

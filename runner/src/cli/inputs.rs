@@ -5,7 +5,7 @@ use crate::render::Scene;
 use crate::scene::assembly::{Assembly, MapSource, MaterialSource, NormalSource, ZERO};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
-use crate::scene::obj::load_obj;
+use crate::scene::obj::{ObjModel, load_obj};
 use crate::scene::scene_file::{
     MaterialChoice, ModelSource, SceneColor, SceneFile, SceneMaterial, SceneModel,
 };
@@ -96,7 +96,7 @@ pub(super) struct Inputs {
     pub(super) is_displaced: bool,
     /// The scale of all materials that have one, where it is one.
     pub(super) scale: Option<f32>,
-    /// The files that were read, apart from the libraries of materials that an OBJ names.
+    /// The files that were read.
     pub(super) files: Vec<PathBuf>,
 }
 
@@ -129,7 +129,8 @@ pub(super) enum InputError {
     InvertVectors,
     /// `--channels` without a vector map in a file.
     #[error(
-        "--channels says which channels of a vector map are along which axes; name one as HEIGHT, with --displacement tangent or object"
+        "--channels says which channels of a vector map are along which axes; name one as HEIGHT, with --displacement \
+            tangent or object"
     )]
     ChannelsOfNothing,
     /// A file cannot be used.
@@ -182,8 +183,8 @@ const SEVERAL: &str = "several origins";
 /// A model before the arguments are settled.
 struct Model {
     name: String,
-    /// Where it was read from.
-    file: Option<PathBuf>,
+    /// Where it was read from: itself, and its libraries of materials.
+    files: Vec<PathBuf>,
     mesh: Mesh,
     /// At least one; the mesh's triangles name theirs.
     materials: Vec<Described>,
@@ -235,7 +236,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         let has_vectors = |m: &Described| m.source.height.is_some() && m.source.sideways.is_some();
         if displacement == DisplacementKind::Height && model.materials.iter().any(has_vectors) {
             tracing::warn!(
-                "{}: of its vectors only what is along the normal displaces, since other maps are of heights; --displacement tangent takes vectors from all",
+                "{}: of its vectors only what is along the normal displaces, since other maps are of heights; \
+                    --displacement tangent takes vectors from all",
                 model.name
             );
         }
@@ -276,7 +278,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let (scale, is_displaced) =
         (agreed(displaced().map(|source| source.scale)), displaced().next().is_some());
     let mut files: Vec<_> = request.scene.map(|scene| scene.path.clone()).into_iter().collect();
-    files.extend(models.iter().filter_map(|model| model.file.clone()));
+    files.extend(models.iter().flat_map(|model| model.files.clone()));
     files.extend(
         sources()
             .flat_map(|source| {
@@ -592,11 +594,11 @@ fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
 }
 
 fn load_file(path: &Path) -> Result<Model, SceneError> {
-    let (mesh, materials) = load_obj(path)?;
+    let ObjModel { mesh, materials, libraries } = load_obj(path)?;
     let scale = SCALE_SHARE * diagonal(&mesh);
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
-    let (name, file) = (path.display().to_string(), Some(path.to_owned()));
-    Ok(Model { name, file, mesh, materials, builtin: None, turned: None, places: vec![] })
+    let (name, files) = (path.display().to_string(), [vec![path.to_owned()], libraries].concat());
+    Ok(Model { name, files, mesh, materials, builtin: None, turned: None, places: vec![] })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -635,7 +637,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     let recommended = Recommended { subdivisions, view: (view, up), lights };
     Ok(Model {
         name: name.to_owned(),
-        file: None,
+        files: vec![],
         mesh,
         materials: vec![material],
         builtin: Some(recommended),

@@ -34,7 +34,7 @@ impl ViewArgs {
         output.check()?;
         if args.quality.is_some() {
             let (settings, inputs, _) = args.read(false)?;
-            args.choose_quality(args.open_backend()?.as_mut(), &inputs.scene, &settings, None)?;
+            args.choose_quality(args.open_backend()?.as_mut(), &inputs.scene, &settings, None, None)?;
         }
         let script = self.script.as_deref().map(Script::read).transpose()?;
         // A scene file says how large the window is.

@@ -111,13 +111,15 @@ pub const ABOUT: [About; 16] = [
     About {
         name: "grid-walk",
         idea: "The ray walks from micro-triangle to micro-triangle of each prism that it enters.",
-        paper: "Smits, Shirley, Stark: *Direct Ray Tracing of Displacement Mapped Triangles*, Rendering Techniques 2000",
+        paper: "Smits, Shirley, Stark: *Direct Ray Tracing of Displacement Mapped Triangles*, Rendering Techniques \
+            2000",
         cost: "up to 6 N micro-triangles for each prism; nothing stored",
         choose: "for speed where a few wrong pixels do not matter",
     },
     About {
         name: "quadtree",
-        idea: "Each prism's triangle is quartered again and again, nearest parts first, where bounds on its heights let the ray in.",
+        idea: "Each prism's triangle is quartered again and again, nearest parts first, where bounds on its heights \
+            let the ray in.",
         paper: "this program's; bounds as in Smits and others 2000, and a min/max pyramid of the map",
         cost: "some log N bounds for each prism; the pyramid, a third of the map, in memory",
         choose: "whenever the picture has to be right: it is exact",

@@ -37,9 +37,9 @@ pub fn orbit(camera: &Camera, target: Vec3) -> Vec<Camera> {
     (0..PATH_FRAMES).map(turned).collect()
 }
 
-/// A camera that looks low over the surface, at what `camera` has nearest to the middle of its picture. `base` are the hits
-/// of its [`centre_rays`] on the undisplaced mesh, `lift` is how high the relief rises above that, and `distance` how far
-/// off `camera` looks. `None` where it sees nothing.
+/// A camera that looks low over the surface, at what `camera` has nearest to the middle of its picture. `base` are the
+/// hits of its [`centre_rays`] on the undisplaced mesh, `lift` is how high the relief rises above that, and `distance`
+/// how far off `camera` looks. `None` where it sees nothing.
 pub fn grazing(
     camera: &Camera,
     base: &[Intersection],

@@ -1,14 +1,14 @@
 //! ꟻLIP: how different two pictures look to someone who flips between them.
 //!
 //! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: *FLIP: A Difference Evaluator for Alternating
-//! Images*, HPG 2020, with the constants of its published code. Written anew, since the published library would ask users
-//! for a C++ compiler; a test compares it with what that library (the crate `nv-flip` 0.1.2) gives.
+//! Images*, HPG 2020, with the constants of its published code. Written anew, since the published library would ask
+//! users for a C++ compiler; a test compares it with what that library (the crate `nv-flip` 0.1.2) gives.
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Pixels of a degree of the viewer's sight: those of a screen that is 0.7 m wide, has 3840 pixels, and is 0.7 m away, as the
-/// published library has it.
+/// Pixels of a degree of the viewer's sight: those of a screen that is 0.7 m wide, has 3840 pixels, and is 0.7 m away,
+/// as the published library has it.
 pub const PIXELS_PER_DEGREE: f32 = 67.0;
 
 /// Exponent that compresses colour differences.
@@ -22,8 +22,8 @@ const FEATURE_WIDTH: f32 = 0.082;
 /// Exponent that stresses small differences of features.
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// The error of each pixel of `test`, from 0 (looks alike) to 1. Both are linear RGB, row-major, `width` pixels a row, and as
-/// large; values are clamped to the range from 0 to 1.
+/// The error of each pixel of `test`, from 0 (looks alike) to 1. Both are linear RGB, row-major, `width` pixels a row,
+/// and as large; values are clamped to the range from 0 to 1.
 pub fn flip(reference: &[Vec3], test: &[Vec3], width: usize) -> Vec<f32> {
     let (reference, test) = (Seen::new(reference, width), Seen::new(test, width));
     let most = most_color_difference();
@@ -60,8 +60,8 @@ impl Seen {
     }
 }
 
-/// Section 4.1: contrast sensitivity as a blur of each opponent channel, then the colours that a screen can show. The blur of
-/// blue and yellow is the sum of two Gaussians: there it is blurred by each, in the last two channels.
+/// Section 4.1: contrast sensitivity as a blur of each opponent channel, then the colours that a screen can show. The
+/// blur of blue and yellow is the sum of two Gaussians: there it is blurred by each, in the last two channels.
 fn colors(opponent: &[Vec3], width: usize) -> Vec<Vec3> {
     const SPREAD: Vec4 = Vec4::new(0.0047, 0.0053, 0.04, 0.025);
     const BLUE_YELLOW: (f32, f32) = (34.1, 13.5);
@@ -89,8 +89,8 @@ fn colors(opponent: &[Vec3], width: usize) -> Vec<Vec3> {
     blurred.par_iter().map(seen).collect()
 }
 
-/// Section 4.2: lengths of the first and the second derivative of luminance. Kernels are normalised so that the positive
-/// and the negative weights have the sum 1 each.
+/// Section 4.2: lengths of the first and the second derivative of luminance. Kernels are normalised so that the
+/// positive and the negative weights have the sum 1 each.
 fn features(opponent: &[Vec3], width: usize) -> Vec<Vec2> {
     let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
     let gauss = |x: f32| (-x * x / (2.0 * deviation * deviation)).exp();
@@ -210,8 +210,8 @@ mod tests {
     const WIDTH: usize = 64;
     const HEIGHT: usize = 36;
 
-    /// Ramps with a chequered blue; the test picture has a patch of another red, a white pixel, a band of less green and
-    /// stripes of another blue.
+    /// Ramps with a chequered blue; the test picture has a patch of another red, a white pixel, a band of less green
+    /// and stripes of another blue.
     #[expect(clippy::cast_possible_truncation, reason = "codes of 8 bits")]
     fn picture(test: bool) -> Vec<Vec3> {
         let pixel = |i: usize| {
@@ -242,8 +242,8 @@ mod tests {
         assert!(flip(&picture, &picture, WIDTH).iter().all(|&error| error == 0.0));
     }
 
-    /// As the paper says, the greatest colour difference is 1; of white and black lightness alone differs by 100, which is
-    /// less than that of green and blue.
+    /// As the paper says, the greatest colour difference is 1; of white and black lightness alone differs by 100, which
+    /// is less than that of green and blue.
     #[test]
     fn the_greatest_difference_is_one() {
         let all = |color| vec![color; 4];
@@ -253,8 +253,8 @@ mod tests {
         assert!((error(Vec3::ONE, Vec3::ZERO) - by_hand).abs() < 1e-3);
     }
 
-    /// What `nv-flip` 0.1.2, the published library, gives for these pictures; it prints six digits. Both compute in f32, where
-    /// roots of small differences keep some four digits.
+    /// What `nv-flip` 0.1.2, the published library, gives for these pictures; it prints six digits. Both compute in
+    /// f32, where roots of small differences keep some four digits.
     #[test]
     fn the_published_library_agrees() {
         let map = flip(&picture(false), &picture(true), WIDTH);

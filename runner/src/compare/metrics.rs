@@ -33,14 +33,15 @@ pub struct Errors {
     pub normal_p999_degrees: f64,
     /// Pixels that the reference hits.
     pub reference_pixels: u64,
-    /// Pixels that one of the two hits alone, without those that are missing: they lie on the wrong side of the silhouette.
+    /// Pixels that one of the two hits alone, without those that are missing: they lie on the wrong side of the
+    /// silhouette.
     pub silhouette_pixels: u64,
     /// Pixels that only the reference hits, and that lie within its silhouette: holes.
     pub missing_pixels: u64,
 }
 
-/// How `test` differs from `reference`, a capture of the same view; `edge` is the length of an edge of the base mesh. Returns
-/// the ꟻLIP map too.
+/// How `test` differs from `reference`, a capture of the same view; `edge` is the length of an edge of the base mesh.
+/// Returns the ꟻLIP map too.
 pub fn errors(reference: &Capture, test: &Capture, edge: f64) -> (Errors, Vec<f32>) {
     let map = flip::flip(&reference.colors, &test.colors, reference.width);
     let both = || {

@@ -1,8 +1,8 @@
 //! `emboss compare`: what each method costs and what it gets wrong, measured on the user's own scene.
 //!
 //! Every configuration (a method with its N) is looked at from the same cameras as the [reference](mod@reference): the
-//! user's, one that [grazes](cameras::grazing) the surface, and those of a [path](cameras::orbit). Then all are timed in
-//! turns, round after round, so that what slows a machine down for a while slows all of them.
+//! user's, one that [grazes](cameras::grazing) the surface, and those of a [path](cameras::orbit). Then all are timed
+//! in turns, round after round, so that what slows a machine down for a while slows all of them.
 
 pub mod about;
 pub mod cameras;
@@ -50,8 +50,8 @@ pub struct Plan {
 /// N of those methods that have one, unless the user names others.
 pub const NS: [u32; 4] = [4, 16, 64, 256];
 
-/// The methods that are compared where the user names none: all but that which tests every micro-triangle, for which minutes
-/// pass where others take milliseconds.
+/// The methods that are compared where the user names none: all but that which tests every micro-triangle, for which
+/// minutes pass where others take milliseconds.
 pub fn usual_methods() -> Vec<Method> {
     Method::value_variants().iter().copied().filter(|&method| method != Method::BruteForce).collect()
 }
@@ -83,8 +83,8 @@ impl From<BackendError> for CompareError {
 /// Is told the share done, from 0 to 1, and says whether to go on.
 pub type Progress<'a> = &'a mut dyn FnMut(f64) -> ControlFlow<()>;
 
-/// Share of the work that the first round is, for the progress bar: it takes the pictures, and times are half as long then as
-/// later where there is time for that.
+/// Share of the work that the first round is, for the progress bar: it takes the pictures, and times are half as long
+/// then as later where there is time for that.
 const FIRST_SHARE: f64 = 0.6;
 
 /// Measures what `store` does not have yet, and keeps it there after each measurement.
@@ -141,8 +141,8 @@ fn rounds(
     Ok(())
 }
 
-/// Why a configuration is left out: what its method cannot take, or has no room for. The reference was prepared from the
-/// same scene, so that only what befalls the device itself ends the comparison.
+/// Why a configuration is left out: what its method cannot take, or has no room for. The reference was prepared from
+/// the same scene, so that only what befalls the device itself ends the comparison.
 fn skipped(configuration: Configuration, error: CompareError) -> Result<Skipped, CompareError> {
     match &error {
         CompareError::Render(RenderError::Backend(
@@ -257,10 +257,11 @@ impl Setting {
             views.push(ViewErrors { view: (*name).to_owned(), errors });
         }
         let test_changes = changes(&pictures(&mut subject, &self.path, watch)?, settings.width);
+        let code = subject.code();
         let rays = subject.rays(plan.samples, watch)?;
         let memory = subject.memory();
         let flicker = flicker(&self.changes, &test_changes);
-        let mut measurement = Measurement::new(configuration, views, flicker, memory, rays);
+        let mut measurement = Measurement::new(configuration, views, flicker, memory, code, rays);
         measurement.add(Times::take(&mut subject, plan.samples, watch)?);
         Ok(measurement)
     }
@@ -280,12 +281,13 @@ fn changes(pictures: &[Vec<Vec3>], width: u32) -> Vec<Vec<f32>> {
     pictures.windows(2).map(|pair| flip::flip(&pair[0], &pair[1], width as usize)).collect()
 }
 
-/// Flicker: the mean difference, over all pixels and steps of a path, of what changes from picture to picture (ꟻLIP between
-/// neighbours) from what changes in the reference. What is wrong in the same way in all pictures does not count.
+/// Flicker: the mean difference, over all pixels and steps of a path, of what changes from picture to picture (ꟻLIP
+/// between neighbours) from what changes in the reference. What is wrong in the same way in all pictures does not
+/// count.
 ///
-/// It is tLP of Chu, Xie, Mayer, Leal-Taixé and Thuerey (*Learning Temporal Coherence via Self-Supervision for GAN-based Video
-/// Generation*, ACM TOG 39(4), 2020) with ꟻLIP in place of LPIPS, and taken pixel by pixel, so that too much change in
-/// one place does not make up for too little in another.
+/// It is tLP of Chu, Xie, Mayer, Leal-Taixé and Thuerey (*Learning Temporal Coherence via Self-Supervision for
+/// GAN-based Video Generation*, ACM TOG 39(4), 2020) with ꟻLIP in place of LPIPS, and taken pixel by pixel, so that too
+/// much change in one place does not make up for too little in another.
 fn flicker(reference: &[Vec<f32>], test: &[Vec<f32>]) -> f64 {
     let differences = reference.iter().flatten().zip(test.iter().flatten());
     metrics::mean(&differences.map(|(a, b)| f64::from((a - b).abs())).collect::<Vec<_>>())
@@ -318,6 +320,9 @@ mod tests {
         let wrong = vec![vec![Vec3::X; 4]; 3];
         let right = vec![vec![Vec3::Y; 4]; 3];
         assert_eq!(flicker(&changes(&right, 2), &changes(&wrong, 2)), 0.0);
+        // From each picture to the next.
+        let once = changes(&[wrong[0].clone(), right[0].clone(), right[1].clone()], 2);
+        assert!(once[0].iter().all(|&change| change > 0.1) && once[1] == [0.0; 4], "{once:?}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! The surface that methods are measured against: the quadtree's, which is exact, with an N from which on nothing changes
-//! that the picture could show.
+//! The surface that methods are measured against: the quadtree's, which is exact, with an N from which on nothing
+//! changes that the picture could show.
 
 use super::CompareError;
 use super::cameras::grazing;
@@ -12,10 +12,11 @@ use emboss_kernels::interface::{Camera, MAX_SUBDIVISIONS, MISS};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// N is converged where twice as many parts move what a pixel shows by no more than this share of its width, in the mean...
+/// N is converged where twice as many parts move what a pixel shows by no more than this share of its width, in the
+/// mean...
 pub const BOUND: f64 = 0.05;
-/// ...and turn the normals there by no more than so many degrees. That takes longer: half as wide micro-triangles are four times
-/// as near to a smooth surface, but their normals are only twice as near to its own.
+/// ...and turn the normals there by no more than so many degrees. That takes longer: half as wide micro-triangles are
+/// four times as near to a smooth surface, but their normals are only twice as near to its own.
 pub const BOUND_DEGREES: f64 = 2.0;
 
 /// Why N was not doubled any more.
@@ -49,8 +50,8 @@ pub struct Summary {
 /// By how much two surfaces differ in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// The mean distance, in widths of a pixel, between what they show through the centres of pixels that either shows. What
-    /// one shows alone counts as a pixel, and so does what lies farther apart.
+    /// The mean distance, in widths of a pixel, between what they show through the centres of pixels that either shows.
+    /// What one shows alone counts as a pixel, and so does what lies farther apart.
     pub pixels: f64,
     /// The mean angle between their normals where both are.
     pub degrees: f64,

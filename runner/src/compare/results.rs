@@ -1,17 +1,17 @@
-//! What was measured, and the folder that keeps it: `results.json` after each measurement, so that a comparison that was
-//! broken off goes on from there, and `results.csv` for other programs.
+//! What was measured, and the folder that keeps it: `results.json` after each measurement, so that a comparison that
+//! was broken off goes on from there, and `results.csv` for other programs.
 
 use super::Times;
 use super::metrics::{Errors, median};
 use super::reference::Summary;
-use super::subject::{Configuration, Memory};
+use super::subject::{Code, Configuration, Memory};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::time::UNIX_EPOCH;
 
 /// What has to be the same for measurements to stand side by side.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// The program's version.
     pub version: String,
@@ -21,6 +21,10 @@ pub struct Identity {
     pub backend: String,
     /// The device's name.
     pub device: String,
+    /// Its driver and API version, or the number of threads.
+    pub details: String,
+    /// The hash of the kernels' sources.
+    pub kernels: String,
     /// The files of the scene.
     pub files: Vec<FileStamp>,
 }
@@ -30,23 +34,16 @@ pub struct Identity {
 pub struct FileStamp {
     /// Where it is.
     pub path: PathBuf,
-    /// When it was written, in seconds since 1970; `None` where the system does not say.
-    pub modified: Option<u64>,
-    /// Its size.
-    pub bytes: u64,
+    /// The SHA-256 of its bytes in hexadecimal digits; `None` where it cannot be read.
+    pub sha256: Option<String>,
 }
 
 impl FileStamp {
-    /// What the system says of a file; of one that is gone nothing.
+    /// A file as it is now.
     pub fn of(path: &Path) -> FileStamp {
-        let metadata = std::fs::metadata(path);
-        let modified = metadata.as_ref().ok().and_then(|metadata| metadata.modified().ok());
-        let since = modified.and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-        FileStamp {
-            path: path.to_owned(),
-            modified: since.map(|since| since.as_secs()),
-            bytes: metadata.map_or(0, |metadata| metadata.len()),
-        }
+        let digits =
+            |bytes: Vec<u8>| Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        FileStamp { path: path.to_owned(), sha256: std::fs::read(path).ok().map(digits) }
     }
 }
 
@@ -109,6 +106,9 @@ pub struct Measurement {
     pub edit_ms: f64,
     /// Bytes.
     pub memory: Memory,
+    /// The code of the pipeline that makes pictures; `None` on the CPU backend, where the code for all is in the
+    /// program.
+    pub pipeline: Option<Code>,
     /// The errors of each view.
     pub views: Vec<ViewErrors>,
     /// Change from picture to picture that the reference does not have: mean ꟻLIP.
@@ -137,6 +137,7 @@ impl Measurement {
         views: Vec<ViewErrors>,
         flicker: f64,
         memory: Memory,
+        pipeline: Option<Code>,
         rays: u64,
     ) -> Measurement {
         let (frame_ms, rays_per_second, preparation_ms, edit_ms) = (0.0, 0.0, 0.0, 0.0);
@@ -148,6 +149,7 @@ impl Measurement {
             preparation_ms,
             edit_ms,
             memory,
+            pipeline,
             views,
             flicker,
             rays,
@@ -222,7 +224,8 @@ impl Results {
             .flat_map(|m| &m.views)
             .map(|view| view.view.as_str())
             .collect();
-        let mut csv = "method,N,frame_ms,rays_per_second,preparation_ms,edit_ms,bvh_bytes,map_bytes,all_bytes,flicker,rounds"
+        let mut csv = "method,N,frame_ms,rays_per_second,preparation_ms,edit_ms,\
+            bvh_bytes,tree_bytes,map_bytes,all_bytes,pipeline_instructions,pipeline_bytes,flicker,rounds"
             .to_owned();
         for view in &names {
             PER_VIEW.iter().for_each(|column| csv += &format!(",{view}_{column}"));
@@ -230,9 +233,13 @@ impl Results {
         csv.push('\n');
         for m in &self.configurations {
             let n = m.configuration.n.map_or_else(String::new, |n| n.to_string());
-            let Memory { bvh, maps, all } = m.memory;
+            let Memory { bvh, trees, maps, all } = m.memory;
+            let code = m.pipeline.map_or_else(
+                || ",".to_owned(),
+                |Code { instructions, bytes }| format!("{instructions},{bytes}"),
+            );
             csv += &format!(
-                "{},{n},{},{},{},{},{bvh},{maps},{all},{},{}",
+                "{},{n},{},{},{},{},{bvh},{trees},{maps},{all},{code},{},{}",
                 m.configuration.method_name(),
                 m.frame_ms,
                 m.rays_per_second,
@@ -274,7 +281,8 @@ pub enum ResultsError {
         reason: io::Error,
     },
     /// A file could not be written.
-    #[error("{}: the results could not be written ({reason}); make room or choose another --output, and run the command again: what is measured is kept", path.display())]
+    #[error("{}: the results could not be written ({reason}); make room or choose another --output, and run the \
+        command again: what is measured is kept", path.display())]
     Write {
         /// The file.
         path: PathBuf,
@@ -282,7 +290,8 @@ pub enum ResultsError {
         reason: io::Error,
     },
     /// There are results that this program did not write, or that are damaged.
-    #[error("{}: this file has no results of this version ({reason}); choose another folder, or delete the file", path.display())]
+    #[error("{}: this file has no results of this version ({reason}); choose another folder, or delete the \
+        file", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -291,7 +300,8 @@ pub enum ResultsError {
     },
     /// There are results of another comparison.
     #[error(
-        "{} has the results of another comparison: {what} was `{there}` and is `{here}`; choose another --output, or delete that folder",
+        "{} has the results of another comparison: {what} was `{there}` and is `{here}`; choose another --output, or \
+            delete that folder",
         path.display()
     )]
     Other {
@@ -351,6 +361,10 @@ impl Store {
             Err(other("the command", &there.command, &here.command))
         } else if (&there.backend, &there.device) != (&here.backend, &here.device) {
             Err(other("the device", &there.device, &here.device))
+        } else if there.details != here.details {
+            Err(other("the device's driver, or the number of threads,", &there.details, &here.details))
+        } else if there.kernels != here.kernels {
+            Err(other("the kernels' sources", &there.kernels, &here.kernels))
         } else if there.files != here.files {
             Err(other("a file of the scene", &stamps(&there.files), &stamps(&here.files)))
         } else {
@@ -395,8 +409,9 @@ impl Store {
 /// Files in a message.
 fn stamps(files: &[FileStamp]) -> String {
     let stamp = |file: &FileStamp| {
-        let modified = file.modified.map_or_else(String::new, |seconds| format!(", written {seconds}"));
-        format!("{} ({} bytes{modified})", file.path.display(), file.bytes)
+        // So many digits tell any two files apart.
+        let hash = file.sha256.as_deref().map_or("gone", |digits| digits.get(..12).unwrap_or(digits));
+        format!("{} ({hash})", file.path.display())
     };
     files.iter().map(stamp).collect::<Vec<_>>().join(", ")
 }
@@ -407,9 +422,7 @@ mod tests {
     use crate::settings::{Method, Subdivisions};
 
     fn results(command: &str) -> Results {
-        let [version, backend, device] = ["0.1.0", "cpu", "a processor"].map(str::to_owned);
-        let identity = Identity { version, command: command.to_owned(), backend, device, files: vec![] };
-        Results::new(identity, 4, 3, 1)
+        Results::new(Identity { command: command.to_owned(), ..Identity::default() }, 4, 3, 1)
     }
 
     fn measurement() -> Measurement {
@@ -417,7 +430,9 @@ mod tests {
         let views =
             ["own", "grazing"].map(|view| ViewErrors { view: view.into(), errors: Errors::default() });
         let configuration = Configuration { method: Method::GridWalk, n };
-        let mut measurement = Measurement::new(configuration, views.into(), 0.25, Memory::default(), 600);
+        let code = Some(Code { instructions: 1234, bytes: 5678 });
+        let mut measurement =
+            Measurement::new(configuration, views.into(), 0.25, Memory::default(), code, 600);
         measurement.add(Times { frames: vec![4.0, 2.0, 3.0], preparation: 7.0, edit: 5.0 });
         measurement
     }
@@ -446,6 +461,39 @@ mod tests {
         assert!(error.contains("`a`") && error.contains("choose another --output"), "{error}");
     }
 
+    /// Of everything that measurements depend on.
+    #[test]
+    fn what_was_measured_otherwise_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scene = folder.path().join("scene.obj");
+        std::fs::write(&scene, "v 0").expect("writable");
+        let kept = || {
+            let mut kept = results("a");
+            kept.identity.files = vec![FileStamp::of(&scene)];
+            kept
+        };
+        Store::open(folder.path(), kept()).expect("new").save().expect("writable");
+        type Change = fn(&mut Identity);
+        let changes: [(&str, Change); 6] = [
+            ("the version", |identity| identity.version = "2".into()),
+            ("the command", |identity| identity.command = "b".into()),
+            ("the device", |identity| identity.device = "another".into()),
+            ("driver", |identity| identity.details = "newer".into()),
+            ("the kernels", |identity| identity.kernels = "newer".into()),
+            ("a file", |identity| identity.files.clear()),
+        ];
+        for (told, change) in changes {
+            let mut other = kept();
+            change(&mut other.identity);
+            let error = Store::open(folder.path(), other).expect_err(told).to_string();
+            assert!(error.contains(told), "{error}");
+        }
+        // As long as before, and written within the same tick of the file system's clock.
+        std::fs::write(&scene, "v 1").expect("writable");
+        let error = Store::open(folder.path(), kept()).expect_err("another file").to_string();
+        assert!(error.contains("a file of the scene was") && error.contains("scene.obj"), "{error}");
+    }
+
     #[test]
     fn other_files_of_that_name_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -457,11 +505,13 @@ mod tests {
     #[test]
     fn rows_have_as_many_columns_as_the_heading() {
         let mut all = results("a");
-        all.configurations = vec![measurement(), measurement()];
+        // The one on a device, the other on the CPU backend.
+        all.configurations = vec![measurement(), Measurement { pipeline: None, ..measurement() }];
         let csv = all.csv();
         let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
-        assert_eq!(counts, [29; 3]);
+        assert_eq!(counts, [32; 3]);
         assert!(csv.lines().nth(1).is_some_and(|row| row.starts_with("grid-walk,auto:0.5,3,")), "{csv}");
         assert!(csv.contains("grazing_psnr_db") && csv.contains(",inf,"));
+        assert!(csv.contains(",1234,5678,0.25,1,") && csv.contains(",0,,,0.25,1,"), "{csv}");
     }
 }

@@ -83,7 +83,8 @@ pub struct Subject<'a> {
     reliefs: Vec<Relief>,
     /// Whether heights are read at all.
     displaces: bool,
-    /// From the scene to what rays can be traced in: maps, heights, the BVH, pipelines.
+    /// From the scene to what rays can be traced in: maps, heights, the BVH. Pipelines are not part of it: those of the
+    /// configuration before may be there still.
     pub preparation: Duration,
     /// Where the camera is.
     pub stage: Stage,
@@ -94,10 +95,21 @@ pub struct Subject<'a> {
 pub struct Memory {
     /// The BVH.
     pub bvh: u64,
-    /// Height maps and what is made of them.
+    /// What is made of the height maps for rays to skip what they cannot meet: min/max pyramids, distance maps.
+    pub trees: u64,
+    /// Height maps, and maps of normals or of offsets.
     pub maps: u64,
-    /// Everything that a frame needs but the film and the colour maps, these two included.
+    /// Everything that a frame needs but the film and the colour maps, these three included.
     pub all: u64,
+}
+
+/// The code of the pipeline that traces a configuration's rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Code {
+    /// Instructions of SPIR-V.
+    pub instructions: u32,
+    /// The whole module.
+    pub bytes: u64,
 }
 
 impl<'a> Subject<'a> {
@@ -117,10 +129,10 @@ impl<'a> Subject<'a> {
             settings.adaptive = None;
         }
         let reliefs = scene.reliefs.clone();
-        let start = Instant::now();
+        let (start, compiled) = (Instant::now(), backend.compile_time());
         let mut job = prepare(scene, &settings)?;
         backend.load(&job.buffers, &job.frame, job.features)?;
-        let preparation = start.elapsed();
+        let preparation = start.elapsed().saturating_sub(backend.compile_time() - compiled);
         let stage = match stage {
             Some(stage) => stage.clone(),
             None => {
@@ -153,9 +165,9 @@ impl<'a> Subject<'a> {
         (self.job.frame.width, self.job.frame.height)
     }
 
-    /// The picture that a camera takes, as a PNG of 8 bits has it: so anyone can compare the files with other tools, and what
-    /// rounding alone makes different is not. Where nothing is hit it is grey: black would hide what is missing from shadows,
-    /// white what is missing from lights.
+    /// The picture that a camera takes, as a PNG of 8 bits has it: so anyone can compare the files with other tools,
+    /// and what rounding alone makes different is not. Where nothing is hit it is grey: black would hide what is
+    /// missing from shadows, white what is missing from lights.
     pub fn picture(
         &mut self,
         camera: Camera,
@@ -197,8 +209,8 @@ impl<'a> Subject<'a> {
         Ok(())
     }
 
-    /// Milliseconds of frames from the stage's camera, by the device's clock where it has one, after one that warms caches: at
-    /// least three in a twentieth of a second, unless they take more than a quarter.
+    /// Milliseconds of frames from the stage's camera, by the device's clock where it has one, after one that warms
+    /// caches: at least three in a twentieth of a second, unless they take more than a quarter.
     pub fn frame_ms(&mut self, samples: u32, watch: Watch<'_>) -> Result<Vec<f64>, CompareError> {
         const FRAMES: usize = 3;
         const ENOUGH: Duration = Duration::from_millis(50);
@@ -231,12 +243,11 @@ impl<'a> Subject<'a> {
         Ok(totals[counter::PRIMARY_RAYS as usize] + totals[counter::SHADOW_RAYS as usize])
     }
 
-    /// Milliseconds from other heights, all scales a tenth greater, to the first correct frame. The subject has them from then
-    /// on.
+    /// Milliseconds from other heights, all scales a tenth greater, to the first correct frame. The subject has them
+    /// from then on.
     pub fn edit_ms(&mut self, watch: Watch<'_>) -> Result<f64, CompareError> {
-        const FACTOR: f32 = 1.1;
         for (displacement, relief) in self.job.buffers.displacements.iter_mut().zip(&self.reliefs) {
-            let relief = Relief { scale: FACTOR * relief.scale, ..relief.clone() };
+            let relief = Relief { scale: EDIT_FACTOR * relief.scale, ..relief.clone() };
             set_heights(displacement, &relief, self.displaces);
         }
         let start = Instant::now();
@@ -249,7 +260,14 @@ impl<'a> Subject<'a> {
     /// What it has in memory.
     pub fn memory(&self) -> Memory {
         let bytes = Bytes::new(&self.job, self.backend.build_report());
-        Memory { bvh: bytes.bvh(), maps: bytes.height_maps(), all: bytes.without_pictures() }
+        let (trees, maps) = (bytes.trees(), bytes.maps());
+        Memory { bvh: bytes.bvh(), trees, maps, all: bytes.without_pictures() }
+    }
+
+    /// The code that makes its pictures; `None` on the CPU backend.
+    pub fn code(&self) -> Option<Code> {
+        let code = self.backend.pipelines().into_iter().find(|code| code.kernel == "render")?;
+        Some(Code { instructions: code.instructions, bytes: code.bytes })
     }
 
     /// The mean length of the base mesh's edges, in its places in the world; above 0 even where all are points, since
@@ -270,6 +288,9 @@ impl<'a> Subject<'a> {
         edge.max(f64::MIN_POSITIVE)
     }
 }
+
+/// What an edit multiplies all scales by.
+pub const EDIT_FACTOR: f32 = 1.1;
 
 /// What is behind the surface: the sRGB code 128 of 255, in linear RGB.
 const BACKGROUND: Vec3 = Vec3::splat(0.215_861);

@@ -39,7 +39,8 @@ pub struct MaterialSource {
     pub sideways: Option<[Arc<HeightMap>; 2]>,
     /// How it is read outside [0,1); `None`: as the settings say.
     pub height_wrap: Option<Wrap>,
-    /// The texel value of no displacement; `None`: mid-grey, so that a model keeps its size, and of vector maps of floats 0.
+    /// The texel value of no displacement; `None`: mid-grey, so that a model keeps its size, and of vector maps of
+    /// floats 0.
     pub zero: Option<f32>,
     /// Height of a texel step from 0 to 1, in scene units.
     pub scale: f32,
@@ -168,7 +169,8 @@ impl Assembly {
         Ok(MaterialId { relief, material: place(&mut self.materials, known, [material]) })
     }
 
-    /// Adds a mesh that does not weld with those before it. Its triangles name their materials by indices into `materials`.
+    /// Adds a mesh that does not weld with those before it. Its triangles name their materials by indices into
+    /// `materials`.
     ///
     /// # Panics
     /// Where they name one that is not there.

@@ -61,7 +61,8 @@ pub enum SceneError {
         path: PathBuf,
     },
     /// A model has faces, but none of three different corners.
-    #[error("{}: none of its {dropped} triangles has three different corners; check the scale of the export", path.display())]
+    #[error("{}: none of its {dropped} triangles has three different corners; check the scale of the \
+        export", path.display())]
     NoTriangles {
         /// The model.
         path: PathBuf,
@@ -101,7 +102,8 @@ pub enum SceneError {
         height: u32,
     },
     /// A picture has fewer channels than a vector has components.
-    #[error("{}: has one channel, but vectors have three; use a picture in red, green and blue, or --displacement height", path.display())]
+    #[error("{}: has one channel, but vectors have three; use a picture in red, green and blue, or --displacement \
+        height", path.display())]
     NoVectors {
         /// The map.
         path: PathBuf,
@@ -170,7 +172,8 @@ pub enum SceneFileProblem {
     ModelSource,
     /// Vectors along x, y and z, and a model whose own axes are others.
     #[error(
-        "vectors in object space are along the scene's axes, but this model is turned, mirrored or stretched; use displacement = \"tangent\", or leave rotate out and give scale one positive number"
+        "vectors in object space are along the scene's axes, but this model is turned, mirrored or stretched; use \
+            displacement = \"tangent\", or leave rotate out and give scale one positive number"
     )]
     TurnedVectors,
     /// No built-in scene has this name.

@@ -69,8 +69,8 @@ impl Mesh {
         }
     }
 
-    /// The mesh in another place; `None` where its coordinates are not finite there or no triangle is left. A mirrored one
-    /// keeps its outside. Where rounding moves vertices to one position they are welded, as in
+    /// The mesh in another place; `None` where its coordinates are not finite there or no triangle is left. A mirrored
+    /// one keeps its outside. Where rounding moves vertices to one position they are welded, as in
     /// [`from_triangles`](Self::from_triangles).
     pub fn transformed(&self, world_from_model: DAffine3) -> Option<Self> {
         let matrix = world_from_model.matrix3;

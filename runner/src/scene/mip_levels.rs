@@ -8,7 +8,8 @@ use emboss_kernels::interface::color_format;
 use glam::Vec3;
 use std::sync::Arc;
 
-/// How many texels the levels of a map have together, one with the sides halved (rounded down, at least 1) after the other.
+/// How many texels the levels of a map have together, one with the sides halved (rounded down, at least 1) after the
+/// other.
 pub fn texels(width: u32, height: u32) -> u64 {
     sizes(width, height)
         .map(|(width, height)| u64::from(width) * u64::from(height))
@@ -41,8 +42,8 @@ pub fn words(map: &ColorMap, filter: Filter) -> u64 {
     }
 }
 
-/// The words of a map with those of its other levels behind them, in its format. Each texel is the mean, in linear colours, of
-/// what it covers of the level before, which with odd sides is parts of texels too.
+/// The words of a map with those of its other levels behind them, in its format. Each texel is the mean, in linear
+/// colours, of what it covers of the level before, which with odd sides is parts of texels too.
 fn with_levels(map: ColorMap) -> Vec<u32> {
     let ColorMap { width, height, format, texels: mut words } = map;
     let mut colors = linear(&words, format);

@@ -476,7 +476,10 @@ fn linear(color: [Share; 3]) -> Vec3 {
 
 /// A type whose values are checked as they are read, so that a message has the line of the value.
 macro_rules! checked {
-    ($(#[doc = $doc:literal] $name:ident($inner:ty) from $source:literal $given:ty: $check:expr, $message:expr;)*) => {$(
+    ($(
+        #[doc = $doc:literal]
+        $name:ident($inner:ty) from $source:literal $given:ty: $check:expr, $message:expr;
+    )*) => {$(
         #[doc = $doc]
         #[derive(Clone, Copy, Debug, Default, Deserialize)]
         #[serde(try_from = $source)]
@@ -534,7 +537,8 @@ mod tests {
         let scene = parsed(&format!(
             "[render]\nwidth = 3\nheight = 5\nsamples = 7\nn = 9\nmethod = \"grid-walk\"\n\
              displacement = \"object\"\nchannels = \"-b+r+g\"\nnormals = \"linear\"\n\
-             weld = \"off\"\nshade = \"uv\"\nsmooth = true\nfilter = \"trilinear\"\nshadows = false\nambient = 0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
+             weld = \"off\"\nshade = \"uv\"\nsmooth = true\nfilter = \"trilinear\"\nshadows = false\nambient = \
+             0.25\nbackground = [0, 1, 0.5]\nseed = 11\n\
              [camera]\neye = [1, 2, 3]\ntarget = [4, 5, 6.5]\nup = [0, 0, 1]\nfov = 50\n\
              [[light]]\nposition = [7, 8, 9]\n[[light]]\nposition = [0, 0, 0]\ncolor = [2, 1, 0]\nintensity = 3\n{CUBE}"
         ));

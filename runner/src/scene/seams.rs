@@ -28,9 +28,10 @@ struct Side {
 impl SeamTable {
     /// Finds the seams of `mesh` and notes in its triangles which are theirs.
     ///
-    /// Vertices are at the same place where their positions are equal, and they are of one mesh (see [`Mesh::starts`]). The direction there is the normalised mean of
-    /// their different normals; where these cancel, that of the first. Vertices at a place must have neighbouring
-    /// indices, as [`Mesh::from_triangles`] gives them, so that all sides of an edge start at the same end.
+    /// Vertices are at the same place where their positions are equal, and they are of one mesh (see [`Mesh::starts`]).
+    /// The direction there is the normalised mean of their different normals; where these cancel, that of the first.
+    /// Vertices at a place must have neighbouring indices, as [`Mesh::from_triangles`] gives them, so that all sides of
+    /// an edge start at the same end.
     ///
     /// Sides that read the same are one; vectors along other axes are not the same.
     pub fn find(mesh: &mut Mesh, kind: DisplacementKind) -> SeamTable {

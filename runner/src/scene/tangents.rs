@@ -78,8 +78,8 @@ fn tangent(given: Option<[f32; 4]>, normal: Vec3) -> Tangent {
 
 impl Mesh {
     /// The tangent of each vertex, by MikkTSpace from positions, normals and texture coordinates. Vertices at which
-    /// triangles have different ones (where the map is mirrored, or turns around) are split, the copies side by side: indices
-    /// stay in the order of positions.
+    /// triangles have different ones (where the map is mirrored, or turns around) are split, the copies side by side:
+    /// indices stay in the order of positions.
     pub fn split_by_tangents(&mut self) -> Vec<Tangent> {
         let tangents = vec![Tangent::default(); 3 * self.triangles.len()];
         let mut corners = Corners { mesh: self, triangles: 0..0, tangents };

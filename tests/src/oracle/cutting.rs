@@ -75,8 +75,9 @@ impl Seen {
 }
 
 impl Cut {
-    /// The steps from the three edges of the place over which the micro-vertex of grid point (j, k) stands. On an edge that has
-    /// its own parts it is the end of one, the nearest; of two the one farther from the corner that is stored first.
+    /// The steps from the three edges of the place over which the micro-vertex of grid point (j, k) stands. On an edge
+    /// that has its own parts it is the end of one, the nearest; of two the one farther from the corner that is stored
+    /// first.
     pub(super) fn place(&self, (j, k): (u32, u32)) -> [u32; 3] {
         let n = self.n;
         let mut steps = [n - j - k, j, k];

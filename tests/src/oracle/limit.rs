@@ -116,13 +116,14 @@ impl<'a> LimitSurface<'a> {
         self.reliefs[corners.relief].size() * (11.0 * magnitude + DVec2::splat(3.0)) * UNIT_ROUNDOFF
     }
 
-    /// Bound on the error of the cross product of the derivatives, computed in f32 as `BaseTriangle::shading_normal` says:
-    /// errors of its parts to first order in u, times what they are multiplied by.
+    /// Bound on the error of the cross product of the derivatives, computed in f32 as `BaseTriangle::shading_normal`
+    /// says: errors of its parts to first order in u, times what they are multiplied by.
     fn error(&self, corners: &Corners, w: DVec3) -> f64 {
         const U: f64 = UNIT_ROUNDOFF;
         let relief = &self.reliefs[corners.relief];
         let n = blend(w, corners.normals);
-        // n: three weights of 8 u, three operations each. Dividing by the length: 2 + 1 + 1 u, see `Rounding::by_length`.
+        // n: three weights of 8 u, three operations each. Dividing by the length: 2 + 1 + 1 u, see
+        // `Rounding::by_length`.
         let (shortest, n_error) = (n.length(), 3.0 * 11.0 * U);
         let (d_length, d_error) =
             if self.linear { (shortest, n_error) } else { (1.0, 2.0 * n_error / shortest + 4.0 * U) };

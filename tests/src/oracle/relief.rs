@@ -63,7 +63,8 @@ impl Level {
         (1.0 - t) * upper + t * lower
     }
 
-    /// By how much of u the filtered texel is off since its place is, in u of texture coordinates up to `uv` in magnitude.
+    /// By how much of u the filtered texel is off since its place is, in u of texture coordinates up to `uv` in
+    /// magnitude.
     fn shift_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
         let shift = self.size() * (rounding.interpolation() * uv + DVec2::splat(3.0 + rounding.product));
         shift.dot(self.steepest)
@@ -125,7 +126,8 @@ impl Relief {
         self.scale * (self.levels[0].filtered(uv) - self.zero)
     }
 
-    /// The same where a pixel covers many texels: 2^l (1 + s) of them are read from level l, and by the share s from the next.
+    /// The same where a pixel covers many texels: 2^l (1 + s) of them are read from level l, and by the share s from
+    /// the next.
     pub(super) fn height_seen(&self, uv: DVec2, cover: Cover) -> f64 {
         let (level, share) = self.level(cover);
         let next = (level + 1).min(self.levels.len() - 1);
@@ -148,17 +150,17 @@ impl Relief {
     /// Bound on the error of a height computed in f32 from texture coordinates that are interpolated on the grid, the
     /// magnitudes of their terms adding up to `uv`.
     ///
-    /// Reducing the coordinates to [0,1] adds 2 u, scaling to texels the product and 1 u of the map's size, and a shift of
-    /// x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add two
-    /// roundings.
+    /// Reducing the coordinates to [0,1] adds 2 u, scaling to texels the product and 1 u of the map's size, and a shift
+    /// of x texels changes the bilinear value by at most x times the steepest step. Subtracting zero and scaling add
+    /// two roundings.
     pub(super) fn height_error(&self, uv: DVec2, rounding: Rounding) -> f64 {
         let filter = rounding.bilinear() * self.magnitude;
         let offset = 2.0 * (self.magnitude + self.zero.abs());
         UNIT_ROUNDOFF * self.scale.abs() * (self.levels[0].shift_error(uv, rounding) + filter + offset)
     }
 
-    /// The same for [`height_seen`](Self::height_seen): the greatest of both levels' errors, the mean of the two, and what
-    /// the error of the share makes: a share of 1 changes the value by no more than the spread of texels.
+    /// The same for [`height_seen`](Self::height_seen): the greatest of both levels' errors, the mean of the two, and
+    /// what the error of the share makes: a share of 1 changes the value by no more than the spread of texels.
     pub(super) fn height_seen_error(&self, uv: DVec2, cover: Cover, rounding: Rounding) -> f64 {
         let (level, _) = self.level(cover);
         let next = (level + 1).min(self.levels.len() - 1);
@@ -172,8 +174,8 @@ impl Relief {
         self.scale.abs() * (UNIT_ROUNDOFF * (shift + filter + offset) + share * self.spread)
     }
 
-    /// The side of a pixel, in model units, from which on levels are read: that of a texel of `size`, or 2.2 times what the
-    /// host found that levels differ by.
+    /// The side of a pixel, in model units, from which on levels are read: that of a texel of `size`, or 2.2 times what
+    /// the host found that levels differ by.
     pub(super) fn finest(&self, size: f64) -> f64 {
         size.max(2.2 * (self.scale * self.roughness).abs())
     }

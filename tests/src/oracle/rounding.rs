@@ -35,8 +35,8 @@ impl Rounding {
     }
 
     /// Of bilinear interpolation, relative to the greatest texel M. Each of its three interpolations has its
-    /// difference (of two texels of either sign, so of 2 M), its product and its result rounded, 3 u or 5 u; they are two
-    /// deep. The weights' fractional parts add 1 u M each, the texel's own conversion a quotient.
+    /// difference (of two texels of either sign, so of 2 M), its product and its result rounded, 3 u or 5 u; they are
+    /// two deep. The weights' fractional parts add 1 u M each, the texel's own conversion a quotient.
     pub(super) fn bilinear(self) -> f64 {
         2.0 * (3.0 + 2.0 * self.product) + 2.0 + self.quotient
     }
@@ -58,8 +58,8 @@ impl Rounding {
         2.0_f64.sqrt() * coordinate
     }
 
-    /// Of a distance, relative to the greatest depth, apart from what follows of [`across`](Self::across): difference and
-    /// product of the vertices' depths, and their division by a component of the direction (two quotients, and its
+    /// Of a distance, relative to the greatest depth, apart from what follows of [`across`](Self::across): difference
+    /// and product of the vertices' depths, and their division by a component of the direction (two quotients, and its
     /// reciprocal); the weighted sum 7 u and its quotient; the scale by the direction's length, and that quotient.
     pub(super) fn along(self) -> f64 {
         (2.0 + 3.0 * self.quotient) + (7.0 + self.quotient) + (1.0 + self.quotient)

@@ -36,8 +36,8 @@ impl Cell {
     }
 }
 
-/// Squares a side of a [`Block`], two cells each. From 2 to 6 times at N = 17 differ by no more than they do from run to run, and
-/// larger blocks make a smaller tree.
+/// Squares a side of a [`Block`], two cells each. From 2 to 6 times at N = 17 differ by no more than they do from run
+/// to run, and larger blocks make a smaller tree.
 pub(super) const BLOCK: u32 = 4;
 
 /// The cells of a piece with j and k from these on.
@@ -115,7 +115,8 @@ impl<'a> Base<'a> {
     }
 
     /// What a map gives at texture coordinates `uv`, the magnitudes of whose terms add up to `terms`, at a place where
-    /// texels are of the size `texels.x` and no more than `texels.y` are covered; and how far an f32 evaluation may be off.
+    /// texels are of the size `texels.x` and no more than `texels.y` are covered; and how far an f32 evaluation may be
+    /// off.
     pub(super) fn height(
         &self,
         relief: &Relief,
@@ -287,7 +288,8 @@ impl Piece {
         cell.grid_points().map(|point| self.vertex(point))
     }
 
-    /// Barycentric coordinates on the base triangle of the place over which the micro-vertex of grid point (j, k) stands.
+    /// Barycentric coordinates on the base triangle of the place over which the micro-vertex of grid point (j, k)
+    /// stands.
     pub(super) fn weights(&self, j: u32, k: u32) -> [f64; 3] {
         self.cut.place((j, k)).map(|m| f64::from(m) / f64::from(self.cut.n))
     }
@@ -345,8 +347,8 @@ impl<'a> Border<'a> {
         }
     }
 
-    /// The micro-vertex over barycentric coordinates `w` of a grid point, displaced by a vector, and how far f32 arithmetic may
-    /// move it.
+    /// The micro-vertex over barycentric coordinates `w` of a grid point, displaced by a vector, and how far f32
+    /// arithmetic may move it.
     fn moved(&self, base: &Base<'_>, w: [f64; 3]) -> (DVec3, f64) {
         let (point, magnitude) = (mixed(w, self.positions), mixed(w, self.positions.map(DVec3::abs)));
         let corner = (0..3).find(|&e| w[e] == 1.0);

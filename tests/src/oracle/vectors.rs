@@ -46,9 +46,10 @@ pub(super) struct Moved {
 impl Moved {
     /// What the maps from `map` on give between some ends whose weights add up to 1.
     ///
-    /// A component of height h is along an axis a, of unit vectors interpolated and then normalised or not. Heights are off
-    /// as in [`Relief::height_error`](super::relief::Relief::height_error), axes by their interpolation, the bitangent by its
-    /// cross product too; what that makes of the component is as for heights along normals. Then come three fused operations.
+    /// A component of height h is along an axis a, of unit vectors interpolated and then normalised or not. Heights are
+    /// off as in [`Relief::height_error`](super::relief::Relief::height_error), axes by their interpolation, the
+    /// bitangent by its cross product too; what that makes of the component is as for heights along normals. Then come
+    /// three fused operations.
     pub(super) fn new(base: &Base<'_>, map: u32, place: Place, ends: &[End]) -> Moved {
         let uv: DVec2 = ends.iter().map(|end| end.uv * end.weight).sum();
         let terms: DVec2 = ends.iter().map(|end| end.uv.abs() * end.weight).sum();
@@ -80,8 +81,8 @@ impl Moved {
         moved
     }
 
-    /// The mean of some, at least one. Each is added to those before it by three fused operations, whose results are no more
-    /// than all magnitudes together; then comes the quotient, fused with the point.
+    /// The mean of some, at least one. Each is added to those before it by three fused operations, whose results are no
+    /// more than all magnitudes together; then comes the quotient, fused with the point.
     pub(super) fn mean(all: &[Moved], rounding: Rounding) -> Moved {
         let count = all.len() as f64;
         let sum = |of: fn(&Moved) -> f64| all.iter().map(of).sum::<f64>();

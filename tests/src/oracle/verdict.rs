@@ -231,8 +231,8 @@ fn within(off: f64, bound: f64, describe: impl FnOnce(f64, f64) -> Disagreement)
 ///
 /// A linear function between -e and e at the vertices climbs by 2 e over the triangle's width at the most, so that
 /// the plane tilts by 2 e / (width - 2 e). Rounding the edges' differences moves a vertex by another u of the longest
-/// edge; products that are not fused are off by as much as moves of the ends of both edges by u each. The cross product is
-/// within 3 u, normalisation adds its own. Two normals are 2 apart at the most.
+/// edge; products that are not fused are off by as much as moves of the ends of both edges by u each. The cross product
+/// is within 3 u, normalisation adds its own. Two normals are 2 apart at the most.
 fn normal_error([a, b, c]: [DVec3; 3], error: f64, rounding: Rounding) -> f64 {
     let longest = (b - a).length().max((c - b).length()).max((a - c).length());
     let width = (b - a).cross(c - a).length() / longest;

@@ -1,9 +1,9 @@
-//! Which micro-vertices triangles share, and what becomes of those where they disagree: decided here anew, from vertices
-//! and triangles alone.
+//! Which micro-vertices triangles share, and what becomes of those where they disagree: decided here anew, from
+//! vertices and triangles alone.
 //!
-//! A *use* is a pair of vertex and height map that some triangle has at a corner. With welding, triangle corners at equal
-//! positions share one micro-vertex, and so do the points of edges between the same two positions; without, they do so
-//! where they have the same use.
+//! A *use* is a pair of vertex and height map that some triangle has at a corner. With welding, triangle corners at
+//! equal positions share one micro-vertex, and so do the points of edges between the same two positions; without, they
+//! do so where they have the same use.
 
 use super::relief::Relief;
 use super::rounding::{Rounding, UNIT_ROUNDOFF};

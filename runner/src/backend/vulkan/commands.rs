@@ -261,8 +261,8 @@ impl Recorder<'_> {
         let offset = u64::from(word) * size_of::<u32>() as u64;
         assert!(offset + 12 <= groups.bytes(), "word {word} is not there");
         self.bind(pipeline, push_constants);
-        // SAFETY: everything that the pipeline needs is bound, and the three words lie in the buffer, which outlives the
-        // submission and may be read as a command's arguments.
+        // SAFETY: everything that the pipeline needs is bound, and the three words lie in the buffer, which outlives
+        // the submission and may be read as a command's arguments.
         unsafe { self.device.cmd_dispatch_indirect(self.buffer, groups.raw(), offset) };
     }
 

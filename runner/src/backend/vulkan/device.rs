@@ -195,11 +195,12 @@ impl<H: Destroy> Drop for Owned<H> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::{Selection, physical};
     use super::*;
 
-    fn validated_lavapipe() -> Arc<Device> {
+    /// Lavapipe under the validation layers.
+    pub(in super::super) fn validated_lavapipe() -> Arc<Device> {
         let needs = "needs lavapipe and the validation layers, which `cargo xtask test` installs";
         let instance = Arc::new(Instance::new(true, &[]).expect(needs));
         let found = physical::enumerate(&instance, None).expect(needs);

@@ -1,16 +1,16 @@
 //! The Vulkan backend: the kernels on a graphics card.
 //!
-//! Needs Vulkan 1.2's core with its memory model, and to show pictures in windows `VK_KHR_swapchain`; the loader is opened
-//! at run time. From the bottom
+//! Needs Vulkan 1.2's core with its memory model, and to show pictures in windows `VK_KHR_swapchain`; the loader is
+//! opened at run time. From the bottom
 //! up: `instance` and `validation`, `physical` (which device), `device` (the open device and handles that
 //! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
 //! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
 //! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others. Apart from all that
 //! `surface` is a window and `swapchain` shows pictures in it, from another thread.
 //!
-//! Everything that a backend does runs on one queue, one submission at a time, and each is waited for. Hence between two
-//! submissions buffers can be dropped and descriptors written, and a program that ends leaves nothing running. A swapchain
-//! submits to the same queue, whose lock it takes, and shares no resource with the backend.
+//! Everything that a backend does runs on one queue, one submission at a time, and each is waited for. Hence between
+//! two submissions buffers can be dropped and descriptors written, and a program that ends leaves nothing running. A
+//! swapchain submits to the same queue, whose lock it takes, and shares no resource with the backend.
 #![expect(
     unsafe_code,
     reason = "Vulkan's calls are unsafe; each stands in a block of its own with the rule it keeps"
@@ -40,7 +40,7 @@ pub use surface::Window;
 pub use swapchain::{Shown, Swapchain};
 pub use validation::ValidationLog;
 
-use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, SceneBuffers, Totals};
+use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, PipelineCode, SceneBuffers, Totals};
 use crate::bvh::{BuildTimes, Bvh, MOST_GROWTH};
 use crate::instances;
 use buffer::{Buffer, Label};
@@ -67,7 +67,7 @@ use sort::SortBuffers;
 use std::ops::{ControlFlow, Range};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use transfers::Transfers;
 
 /// Rays that are on the device at a time; more are traced in turns, so that no number of rays is too large.
@@ -81,8 +81,8 @@ pub enum Selection {
     /// than the CPU backend; the error where there is no other names it.
     #[default]
     Auto,
-    /// A number, as the list of [`devices`] has them from 0 on, or else a part of a name, in any case, of which the first match is
-    /// taken. May be a software device.
+    /// A number, as the list of [`devices`] has them from 0 on, or else a part of a name, in any case, of which the
+    /// first match is taken. May be a software device.
     Named(String),
 }
 
@@ -199,9 +199,9 @@ impl VulkanBackend {
         self.transfers.read(&self.commands, self.resident.buffer(binding::HEIGHT_RANGES), words)
     }
 
-    /// Sorts pairs of a key and a value by keys of `bits` bits, stably. A key has one word, or two where `bits` is above
-    /// 32: then the lower words of all keys come first, then the upper ones; so also in what is returned. A part of the
-    /// BVH's build, by itself for tests.
+    /// Sorts pairs of a key and a value by keys of `bits` bits, stably. A key has one word, or two where `bits` is
+    /// above 32: then the lower words of all keys come first, then the upper ones; so also in what is returned. A part
+    /// of the BVH's build, by itself for tests.
     ///
     /// # Errors
     /// [`BackendError::TooLarge`], [`BackendError::DeviceLost`], or another error of the driver.
@@ -273,7 +273,8 @@ impl VulkanBackend {
         Ok(builder)
     }
 
-    /// The first `triangles` triangles and `seams` entries of the seams' table, with the heights that the device computed.
+    /// The first `triangles` triangles and `seams` entries of the seams' table, with the heights that the device
+    /// computed.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`], or another error of the driver.
@@ -311,8 +312,8 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a tessellation
-    /// micro-vertices and their boxes; distance maps.
+    /// Everything from the pyramids to the BVH: the heights of triangles, those of seams, the boxes, and of a
+    /// tessellation micro-vertices and their boxes; distance maps.
     fn prepare_prisms(&mut self, resident: &Resident) -> Result<(), BackendError> {
         for (kernel, items) in preparation(resident) {
             if !items.is_empty() {
@@ -328,8 +329,8 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `before` is what
-    /// was said of it, `start` when the work began.
+    /// Gives the tree the boxes that its triangles have now, or builds it again where that does not do. `before` is
+    /// what was said of it, `start` when the work began.
     fn update_bvh(
         &mut self,
         resident: &Resident,
@@ -366,8 +367,8 @@ impl VulkanBackend {
         Ok(())
     }
 
-    /// Builds the trees of the instances' meshes, one after the other, each by itself, and the tree over the instances. They
-    /// are not refitted: a mesh that has instances is small next to what is seen of it.
+    /// Builds the trees of the instances' meshes, one after the other, each by itself, and the tree over the instances.
+    /// They are not refitted: a mesh that has instances is small next to what is seen of it.
     fn build_trees(&mut self, resident: &Resident, start: Instant) -> Result<(), BackendError> {
         let builder = self.builder()?;
         let (instances, mut bounds) = (resident.instances(), Vec::new());
@@ -455,6 +456,14 @@ impl Backend for VulkanBackend {
 
     fn build_report(&self) -> BuildReport {
         self.report
+    }
+
+    fn pipelines(&self) -> Vec<PipelineCode> {
+        self.programs.codes()
+    }
+
+    fn compile_time(&self) -> Duration {
+        self.programs.compile_time()
     }
 
     fn prism_boxes(&mut self) -> Result<Vec<Aabb>, BackendError> {

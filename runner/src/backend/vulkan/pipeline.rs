@@ -2,8 +2,8 @@
 
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
-use super::specialize::specialize;
-use crate::backend::BackendError;
+use super::specialize::{instructions, specialize};
+use crate::backend::{BackendError, PipelineCode};
 use ash::vk;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tiles, binding, spec};
 use emboss_kernels::scene::Features;
@@ -233,13 +233,25 @@ impl Kernel {
         if self.spec_constants().is_empty() {
             return Ok(words);
         }
-        let left = specialize(&words, &features.to_array()).map_err(|error| error.to_string())?;
-        let (name, bytes) = (self.entry_point(), size_of::<u32>() * left.len());
+        specialize(&words, &features.to_array()).map_err(|error| error.to_string())
+    }
+
+    /// What is to be said of its module, specialised.
+    fn code(self, words: &[u32]) -> PipelineCode {
+        let code = PipelineCode {
+            kernel: self.entry_point(),
+            instructions: instructions(words),
+            bytes: size_of_val(words) as u64,
+            bytes_of_all: self.module().len() as u64,
+        };
         tracing::debug!(
-            "{name}: {bytes} of {} bytes of SPIR-V are left for these features",
-            self.module().len()
+            "{}: {} of {} bytes of SPIR-V are left for these features, {} instructions",
+            code.kernel,
+            code.bytes,
+            code.bytes_of_all,
+            code.instructions
         );
-        Ok(left)
+        code
     }
 
     /// Ids of the specialisation constants that it has.
@@ -296,6 +308,7 @@ impl Kernel {
 /// A kernel ready to be dispatched, compiled for some features, with one descriptor set.
 pub(super) struct Pipeline {
     kernel: Kernel,
+    code: PipelineCode,
     raw: Owned<vk::Pipeline>,
     layout: Owned<vk::PipelineLayout>,
     set: vk::DescriptorSet,
@@ -312,12 +325,18 @@ impl Pipeline {
         kernel: Kernel,
         features: Features,
     ) -> Result<Self, BackendError> {
+        let words = kernel.specialized(features).map_err(|reason| {
+            tracing::error!("the built-in kernel {} is damaged: {reason}", kernel.entry_point());
+            let source = vk::Result::ERROR_INITIALIZATION_FAILED;
+            BackendError::Vulkan { what: "reading the kernels", source }
+        })?;
         let set_layout = set_layout(device, kernel)?;
         let layout = pipeline_layout(&set_layout, kernel)?;
-        let raw = compile(&layout, kernel, features)?;
+        let raw = compile(&layout, kernel, &words)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
-        Ok(Pipeline { kernel, raw, layout, set, _pool: pool, _set_layout: set_layout })
+        let code = kernel.code(&words);
+        Ok(Pipeline { kernel, code, raw, layout, set, _pool: pool, _set_layout: set_layout })
     }
 
     /// Binds the buffer that `buffer_at` gives for each binding of the kernel. No submission may be pending, which
@@ -344,6 +363,11 @@ impl Pipeline {
             .collect();
         // SAFETY: set and buffers are of this device, and no submission that uses the set is pending.
         unsafe { self.raw.device().raw().update_descriptor_sets(&writes, &[]) };
+    }
+
+    /// What it runs.
+    pub(super) fn code(&self) -> PipelineCode {
+        self.code
     }
 
     pub(super) fn raw(&self) -> vk::Pipeline {
@@ -397,10 +421,10 @@ fn pipeline_layout(
 fn compile(
     layout: &Owned<vk::PipelineLayout>,
     kernel: Kernel,
-    features: Features,
+    words: &[u32],
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let device = layout.device();
-    let module = shader_module(device, kernel, features)?;
+    let module = shader_module(device, words)?;
     let name = CString::new(kernel.entry_point()).unwrap_or_default();
     let stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
@@ -414,16 +438,8 @@ fn compile(
     Owned::new(device, "compiling a kernel", made)
 }
 
-fn shader_module(
-    device: &Arc<Device>,
-    kernel: Kernel,
-    features: Features,
-) -> Result<Owned<vk::ShaderModule>, BackendError> {
-    let words = kernel.specialized(features).map_err(|reason| {
-        tracing::error!("the built-in kernel {} is damaged: {reason}", kernel.entry_point());
-        BackendError::Vulkan { what: "reading the kernels", source: vk::Result::ERROR_INITIALIZATION_FAILED }
-    })?;
-    let info = vk::ShaderModuleCreateInfo::default().code(&words);
+fn shader_module(device: &Arc<Device>, words: &[u32]) -> Result<Owned<vk::ShaderModule>, BackendError> {
+    let info = vk::ShaderModuleCreateInfo::default().code(words);
     // SAFETY: the module is what rust-gpu compiled, and spirv-val accepted, specialised.
     let made = unsafe { device.raw().create_shader_module(&info, None) };
     Owned::new(device, "creating the shader module", made)
@@ -459,6 +475,8 @@ fn small(count: usize) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::device::tests::validated_lavapipe;
+    use super::super::specialize::tests::choices;
     use super::*;
     use serde_json::Value;
     use std::collections::BTreeSet;
@@ -467,6 +485,29 @@ mod tests {
     fn no_kernel_binds_more_than_is_asked_of_a_device() {
         let most = Kernel::ALL.iter().map(|kernel| kernel.bindings().len()).max();
         assert_eq!(most, Some(MOST_BINDINGS as usize));
+    }
+
+    /// What is left of a kernel is sound SPIR-V, for all methods: the validation layers look at each module with
+    /// spirv-val.
+    #[test]
+    fn specialised_modules_are_sound() {
+        let device = validated_lavapipe();
+        let log = device.instance().log().clone();
+        let mut seen: Vec<(Kernel, Features)> = Vec::new();
+        // Each method once, with other features than its neighbours.
+        let choices = choices();
+        for features in (0..16).map(|method| choices[method + 16 * (method % 3)]) {
+            for &kernel in Kernel::ALL {
+                if seen.iter().any(|&(other, had)| other == kernel && kernel.is_alike(had, features)) {
+                    continue;
+                }
+                seen.push((kernel, features));
+                let words = kernel.specialized(features).unwrap();
+                let made = shader_module(&device, &words);
+                assert!(made.is_ok() && log.messages().is_empty(), "{kernel:?}: {features:?}");
+            }
+        }
+        assert!(seen.iter().any(|(kernel, features)| *kernel == Kernel::Render && features.method == 15));
     }
 
     /// The numbers in a JSON array, or those that the keys of an object are.

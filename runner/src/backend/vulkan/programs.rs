@@ -5,7 +5,7 @@ use super::device::Device;
 use super::pacer::Pacer;
 use super::pipeline::{Kernel, Pipeline};
 use super::tiles::{self, Parts};
-use crate::backend::BackendError;
+use crate::backend::{BackendError, PipelineCode};
 use crate::heights;
 use bytemuck::{Pod, bytes_of};
 use emboss_kernels::displacement::height_pyramid::{level_words, top_level};
@@ -13,6 +13,7 @@ use emboss_kernels::interface::{BATCH_GROUP_SIZE, Batch, Displacement, PyramidPa
 use emboss_kernels::scene::Features;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Most items of one batch dispatch: every Vulkan device runs at least 65535 workgroups along an axis.
 const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
@@ -22,6 +23,8 @@ const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
 pub(super) struct Programs {
     features: Features,
     made: Vec<Program>,
+    /// How long it took to make them and those before.
+    compile_time: Duration,
 }
 
 /// A pipeline, and how much work its submissions get.
@@ -58,13 +61,25 @@ impl Programs {
         }
     }
 
+    /// How long pipelines were made.
+    pub(super) fn compile_time(&self) -> Duration {
+        self.compile_time
+    }
+
+    /// The code of all that were made.
+    pub(super) fn codes(&self) -> Vec<PipelineCode> {
+        self.made.iter().map(|program| program.pipeline.code()).collect()
+    }
+
     /// The program of a kernel, compiled now if this is the first time that it is needed.
     pub(super) fn get(&mut self, device: &Arc<Device>, kernel: Kernel) -> Result<&mut Program, BackendError> {
         let index = match self.made.iter().position(|program| program.kernel == kernel) {
             Some(index) => index,
             None => {
                 let features = self.features;
+                let start = Instant::now();
                 let pipeline = Pipeline::new(device, kernel, features)?;
+                self.compile_time += start.elapsed();
                 self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
                 self.made.len() - 1
             }
@@ -116,7 +131,8 @@ impl Program {
         self.run_items(commands, count, |first, count| Batch { first: start + first, count, kernel })
     }
 
-    /// Builds the pyramids of height maps. A level is made from the one below it, which the submissions before it wrote.
+    /// Builds the pyramids of height maps. A level is made from the one below it, which the submissions before it
+    /// wrote.
     pub(super) fn build_pyramids(
         &mut self,
         commands: &Commands,
@@ -130,8 +146,8 @@ impl Program {
         Ok(())
     }
 
-    /// Runs over items 0 to `count`, which are part of a pass; `push_constants` makes those of a dispatch from its first
-    /// item and how many it has.
+    /// Runs over items 0 to `count`, which are part of a pass; `push_constants` makes those of a dispatch from its
+    /// first item and how many it has.
     fn run_items<P: Pod>(
         &mut self,
         commands: &Commands,

@@ -77,7 +77,8 @@ struct Content<'a> {
 }
 
 impl Resident {
-    /// Uploads a scene, which is checked, and makes an empty film for it. Sizes are checked before anything is allocated.
+    /// Uploads a scene, which is checked, and makes an empty film for it. Sizes are checked before anything is
+    /// allocated.
     pub(super) fn new(
         device: &Arc<Device>,
         commands: &Commands,

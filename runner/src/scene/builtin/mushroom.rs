@@ -1,5 +1,5 @@
-//! `builtin:mushroom`: a knoll on which mushrooms grow. Their caps hang over, as no height map's relief can: each is the
-//! ground around its foot, drawn in to a stem and out again to a cap by a vector map.
+//! `builtin:mushroom`: a knoll on which mushrooms grow. Their caps hang over, as no height map's relief can: each is
+//! the ground around its foot, drawn in to a stem and out again to a cap by a vector map.
 
 use super::{BuiltinScene, light};
 use crate::scene::noise::{Lattice, lerp, mix, smoothstep, unit};
@@ -39,8 +39,8 @@ enum Part {
     Cap,
 }
 
-/// Where the profile turns, in shares of the way from the patch's rim to its middle: radius and height there, and what comes
-/// next. The cap, last, is a dome.
+/// Where the profile turns, in shares of the way from the patch's rim to its middle: radius and height there, and what
+/// comes next. The cap, last, is a dome.
 const TURNS: [(f32, f32, f32, Part); 5] = [
     (0.0, 1.0, 0.0, Part::Ground),
     (0.16, 0.3, 0.0, Part::Stem),

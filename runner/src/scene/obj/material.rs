@@ -23,11 +23,11 @@ struct Material {
 }
 
 /// The materials that a model uses, in the order of [`Survey::materials`]. Where it names none at all its libraries'
-/// first map of each kind counts, and their first `Kd`.
-pub(super) fn load(model: &Path, survey: &Survey) -> Vec<ModelMaterial> {
-    let library = load_libraries(model, survey);
+/// first map of each kind counts, and their first `Kd`. The files that were read are returned with them.
+pub(super) fn load(model: &Path, survey: &Survey) -> (Vec<ModelMaterial>, Vec<PathBuf>) {
+    let (library, files) = load_libraries(model, survey);
     if survey.materials.iter().all(String::is_empty) {
-        return vec![first_of_all(&library)];
+        return (vec![first_of_all(&library)], files);
     }
     let find = |name: &String| {
         let found = library.iter().find(|material| material.name == *name);
@@ -36,7 +36,7 @@ pub(super) fn load(model: &Path, survey: &Survey) -> Vec<ModelMaterial> {
         }
         ModelMaterial { name: name.clone(), ..found.cloned().map(ModelMaterial::from).unwrap_or_default() }
     };
-    survey.materials.iter().map(find).collect()
+    (survey.materials.iter().map(find).collect(), files)
 }
 
 /// What the materials of a library come to where nothing tells which of them counts.
@@ -57,14 +57,18 @@ impl From<Material> for ModelMaterial {
     }
 }
 
-/// The materials in all of a model's libraries. One that cannot be read is a warning.
-fn load_libraries(model: &Path, survey: &Survey) -> Vec<Material> {
+/// The materials in all of a model's libraries, and those of the libraries' files that could be read. One that cannot
+/// is a warning.
+fn load_libraries(model: &Path, survey: &Survey) -> (Vec<Material>, Vec<PathBuf>) {
     let folder = model.parent().unwrap_or(Path::new(""));
-    let mut materials = Vec::new();
+    let (mut materials, mut files) = (Vec::new(), Vec::new());
     for (line, name) in &survey.libraries {
         for path in library_paths(folder, name) {
             match fs::read(&path) {
-                Ok(bytes) => materials.extend(parse(&String::from_utf8_lossy(&bytes), &path)),
+                Ok(bytes) => {
+                    materials.extend(parse(&String::from_utf8_lossy(&bytes), &path));
+                    files.push(path);
+                }
                 Err(error) => warn!(
                     "{}:{line}: material library {} cannot be read: {error}; going on without its maps",
                     model.display(),
@@ -73,7 +77,7 @@ fn load_libraries(model: &Path, survey: &Survey) -> Vec<Material> {
             }
         }
     }
-    materials
+    (materials, files)
 }
 
 /// The files that a `mtllib` line names: one whose name may hold spaces, or several.

@@ -10,17 +10,27 @@ mod survey;
 use super::{Mesh, ModelMaterial, SceneError};
 use emboss_kernels::interface::Vertex;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use survey::Survey;
 
-/// Loads a model: all its objects and groups as one mesh, and its materials, at least one, by whose indices triangles name
-/// theirs.
+/// What an OBJ file holds.
+#[derive(Clone, Debug)]
+pub struct ObjModel {
+    /// All its objects and groups.
+    pub mesh: Mesh,
+    /// At least one; triangles name theirs by its index.
+    pub materials: Vec<ModelMaterial>,
+    /// The files of materials that were read.
+    pub libraries: Vec<PathBuf>,
+}
+
+/// Loads a model.
 ///
 /// Polygons are cut into a fan from their first corner; that of a concave one may reach outside it. Normals that
 /// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of triangles with corners
-/// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot be
-/// read is a warning.
-pub fn load_obj(path: &Path) -> Result<(Mesh, Vec<ModelMaterial>), SceneError> {
+/// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot
+/// be read is a warning.
+pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
     let survey =
@@ -33,7 +43,8 @@ pub fn load_obj(path: &Path) -> Result<(Mesh, Vec<ModelMaterial>), SceneError> {
     if mesh.triangles.is_empty() {
         return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
     }
-    Ok((mesh, material::load(path, &survey)))
+    let (materials, libraries) = material::load(path, &survey);
+    Ok(ObjModel { mesh, materials, libraries })
 }
 
 /// The file as UTF-8.

@@ -4,7 +4,6 @@ use crate::settings::Wrap;
 use emboss_kernels::interface::{FLIPPED, Triangle};
 use glam::Vec3;
 use std::io::Write;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
 
@@ -24,7 +23,7 @@ fn folder(model: impl AsRef<[u8]>, others: &[(&str, &str)]) -> (TempDir, PathBuf
 
 fn load(model: impl AsRef<[u8]>) -> Result<Mesh, SceneError> {
     let (_folder, path) = folder(model, &[]);
-    load_obj(&path).map(|(mesh, _)| mesh)
+    load_obj(&path).map(|model| model.mesh)
 }
 
 /// The message of a model that cannot be loaded, after the folder's name.
@@ -270,7 +269,7 @@ fn with_materials(used: [&str; 2], library: &str) -> (Vec<ModelMaterial>, String
         square(&format!("mtllib model.mtl\nusemtl {first}\nf 1/1 2/2 3/3\nusemtl {second}\nf 1/1 3/3 4/4\n"));
     let (folder, path) = folder(model, &[("model.mtl", library)]);
     let (result, log) = logged(|| load_obj(&path));
-    (result.unwrap().1, log, folder)
+    (result.unwrap().materials, log, folder)
 }
 
 /// The map of that name in a folder, without options.
@@ -338,7 +337,7 @@ fn triangles_name_their_materials() {
     let faces = "f 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 3/3 4/4\nf 1/1 1/1 2/2\nusemtl idle\nusemtl a\nf 1/1 2/2\n\
         f 1/1 2/2 4/4\nusemtl b\nf 2/2 3/3 4/4\n";
     let (_folder, path) = folder(square(faces), &[]);
-    let (mesh, materials) = load_obj(&path).unwrap();
+    let ObjModel { mesh, materials, .. } = load_obj(&path).unwrap();
     let names: Vec<_> =
         mesh.triangles.iter().map(|t| materials[t.material() as usize].name.as_str()).collect();
     assert_eq!(names, ["", "b", "b", "a", "b"]);
@@ -349,7 +348,8 @@ fn triangles_name_their_materials() {
 fn models_that_name_no_material_take_their_libraries_first_maps() {
     let library = "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\ndisp h.png\n";
     let (folder, path) = folder(square("mtllib model.mtl\nf 1/1 2/2 3/3\n"), &[("model.mtl", library)]);
-    let (_, materials) = load_obj(&path).unwrap();
+    let ObjModel { materials, libraries, .. } = load_obj(&path).unwrap();
+    assert_eq!(libraries, [folder.path().join("model.mtl")]);
     let [material] = &materials[..] else { panic!("{materials:?}") };
     assert_eq!((&material.color, &material.height), (&map(&folder, "a.png"), &map(&folder, "h.png")));
 }
@@ -365,7 +365,8 @@ fn a_material_that_no_library_has_is_a_warning() {
 fn a_missing_library_is_a_warning() {
     let (_folder, path) = folder(square("mtllib lost.mtl\nf 1/1 2/2 3/3\n"), &[]);
     let (result, log) = logged(|| load_obj(&path));
-    assert_eq!(result.unwrap().1, [ModelMaterial::default()]);
+    let model = result.unwrap();
+    assert_eq!((&model.materials[..], &model.libraries[..]), (&[ModelMaterial::default()][..], &[][..]));
     assert!(
         log.contains("model.obj:9: material library") && log.contains("lost.mtl cannot be read"),
         "{log}"
@@ -383,7 +384,7 @@ fn the_monster_frog_loads() {
         skip(path);
         return;
     }
-    let (mesh, materials) = load_obj(path).unwrap();
+    let ObjModel { mesh, materials, .. } = load_obj(path).unwrap();
     assert_eq!((mesh.triangles.len(), mesh.dropped), (2584, 0));
     assert_eq!(materials, [ModelMaterial::default()]);
     assert!(mesh.vertices.iter().all(|v| v.normal.is_normalized()));

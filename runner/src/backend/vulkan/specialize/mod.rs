@@ -1,14 +1,14 @@
 //! Specialisation of a kernel before a driver sees it.
 //!
-//! A kernel holds the code of all methods, formats and features; a pipeline needs that of one choice among them. Given a
-//! module and the values of its specialisation constants a driver reads and transforms all of it before it finds out what it
-//! can leave out: lavapipe takes 20 times as long for `render` as for what is left of it, NVIDIA's driver several times. So
-//! the choice is made here: constants take their values, what they decide is computed, branches that are never taken
-//! are removed with the code behind them.
+//! A kernel holds the code of all methods, formats and features; a pipeline needs that of one choice among them. Given
+//! a module and the values of its specialisation constants a driver reads and transforms all of it before it finds out
+//! what it can leave out: lavapipe takes 20 times as long for `render` as for what is left of it, NVIDIA's driver
+//! several times. So the choice is made here: constants take their values, what they decide is computed, branches that
+//! are never taken are removed with the code behind them.
 //!
 //! Values are found by sparse conditional constant propagation (Wegman and Zadeck, "Constant Propagation with
-//! Conditional Branches", TOPLAS 13(2), 1991; see `propagate.rs`). Branches are removed such that control flow stays structured as
-//! the SPIR-V specification has it (section 2.11; see `prune.rs`).
+//! Conditional Branches", TOPLAS 13(2), 1991; see `propagate.rs`). Branches are removed such that control flow stays
+//! structured as the SPIR-V specification has it (section 2.11; see `prune.rs`).
 
 mod fold;
 mod propagate;
@@ -34,6 +34,21 @@ pub fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, ParseState>
     constants.declare(&mut module);
     drop_names(&mut module);
     Ok(module.assemble())
+}
+
+/// How many instructions the functions of a module have, labels and variables among them.
+pub fn instructions(words: &[u32]) -> u32 {
+    const HEADER_WORDS: usize = 5;
+    let mut rest = words.get(HEADER_WORDS..).unwrap_or_default();
+    let (mut count, mut in_functions) = (0, false);
+    while let [first, ..] = *rest {
+        // An instruction's first word: how many it has, and which it is.
+        let (length, op) = ((first >> 16) as usize, first & 0xffff);
+        in_functions |= op == Op::Function as u32;
+        count += u32::from(in_functions);
+        rest = rest.get(length.max(1)..).unwrap_or_default();
+    }
+    count
 }
 
 /// Makes constants of specialisation constants.
@@ -146,7 +161,9 @@ impl Constants {
 }
 
 #[cfg(test)]
-mod tests {
+mod built;
+#[cfg(test)]
+pub(super) mod tests {
     use super::propagate::{ids, label};
     use super::*;
     use emboss_kernels::interface::{binding, method, spec};
@@ -167,8 +184,8 @@ mod tests {
         load_words(specialize(&words(module), &features.to_array()).unwrap()).unwrap()
     }
 
-    /// Control flow is whole: what is named is there, each block's phis have an operand for each block that leads to it and
-    /// no other, and each loop has a branch back.
+    /// Control flow is whole: what is named is there, each block's phis have an operand for each block that leads to it
+    /// and no other, and each loop has a branch back.
     fn assert_whole(module: &Module) {
         let there: HashSet<Word> = module.all_inst_iter().filter_map(|i| i.result_id).collect();
         for instruction in module.all_inst_iter() {
@@ -201,7 +218,7 @@ mod tests {
     }
 
     /// Some choices of features, each value of each among them.
-    fn choices() -> Vec<Features> {
+    pub(in super::super) fn choices() -> Vec<Features> {
         let choice = |i: u32| {
             let bit = |shift: u32| (i >> shift) & 1;
             let method = i % 16;

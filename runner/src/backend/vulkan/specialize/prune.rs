@@ -8,10 +8,10 @@ use std::collections::{HashMap, HashSet};
 
 /// Rewrites function number `function` of `module` by what was found out about it.
 ///
-/// A conditional branch that goes but one way becomes an unconditional one, and the selection that it headed is none any
-/// more. Two kinds of blocks stay though nothing leads to them, since loops and selections have to name them: a loop's
-/// continue target then only leads back to its header, a merge block only says that it is unreachable. The branch at
-/// the end of a loop that leads back to its header stays as it is, with a constant condition.
+/// A conditional branch that goes but one way becomes an unconditional one, and the selection that it headed is none
+/// any more. Two kinds of blocks stay though nothing leads to them, since loops and selections have to name them: a
+/// loop's continue target then only leads back to its header, a merge block only says that it is unreachable. The
+/// branch at the end of a loop that leads back to its header stays as it is, with a constant condition.
 pub(super) fn prune(module: &mut Module, function: usize, found: &Found, constants: &mut Constants) {
     let types: HashMap<Word, Word> = module.functions[function]
         .blocks
