@@ -91,6 +91,8 @@ pub(super) struct Inputs {
     pub(super) scale: Option<f32>,
     /// The files that were read, apart from the libraries of materials that an OBJ names.
     pub(super) files: Vec<PathBuf>,
+    /// Maps that materials name and that are not there.
+    pub(super) missing: Vec<PathBuf>,
 }
 
 /// An argument's value and where it comes from.
@@ -205,6 +207,8 @@ struct Described {
     height: &'static str,
     zero: &'static str,
     scale: &'static str,
+    /// Maps that it names and that are not there.
+    missing: Vec<PathBuf>,
 }
 
 /// Loads what the arguments name, and fills in what they leave out.
@@ -266,6 +270,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     files.extend(
         sources().flat_map(|source| [file(source.color.as_ref()), file(source.height.as_ref())]).flatten(),
     );
+    let described = models.iter().flat_map(|model| &model.materials);
+    let missing = described.flat_map(|material| material.missing.clone()).collect();
     let channels = request.channels().unwrap_or(match displacement {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
@@ -287,7 +293,18 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         }
     }
     let scene = assembly.finish(subdivisions.most());
-    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, is_displaced, scale, files })
+    Ok(Inputs {
+        scene,
+        displacement,
+        subdivisions,
+        choices,
+        view,
+        lights,
+        is_displaced,
+        scale,
+        files,
+        missing,
+    })
 }
 
 fn zero_of_heights(material: &Described) -> (String, &'static str) {
@@ -494,6 +511,8 @@ impl Described {
 
     /// A material of a model's file; `scale` is the height that its maps have where it says nothing of that.
     fn of_model(material: ModelMaterial, scale: f32) -> Described {
+        let named = [&material.color, &material.normal, &material.height].into_iter().flatten();
+        let missing = named.map(|map| map.path.clone()).filter(|path| !path.is_file()).collect();
         let color = existing(material.color).map(|map| (map, MATERIAL));
         let color = color.or_else(|| existing(material.normal).map(|map| (map, NORMAL_MAP)));
         let height = existing(material.height);
@@ -519,6 +538,7 @@ impl Described {
             color: color_origin,
             zero: if range.is_some() { MATERIAL } else { DEFAULT },
             scale: if range.is_some() { MATERIAL } else { DEFAULT },
+            missing,
             source: MaterialSource {
                 albedo: material.albedo,
                 color_wrap: color.as_ref().and_then(|(map, _)| map.wrap),
@@ -579,6 +599,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         height: BUILTIN,
         zero: BUILTIN,
         scale: BUILTIN,
+        missing: vec![],
     };
     let lights = lights.into_iter().map(light).collect();
     let recommended = Recommended { subdivisions, view: (view, up), lights };

@@ -25,10 +25,22 @@ const TAIL_SHARE: f64 = 0.7;
 const TELLING_PART: f64 = 0.25;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
+/// Half the items of the first submission of all: even at 10 µs each, what a brute-force search over a thousand
+/// micro-triangles takes on a slow device, it stays under 50 ms.
+const CAUTIOUS: u32 = 2048;
+/// The same where a window waits for it. At 100 µs each, what lavapipe takes on two cores for pixels full of relief, it
+/// takes half as long.
+const CAUTIOUS_OF_WINDOW: u32 = 128;
+/// How many times longer than they take submissions are said to take where the device shows pictures in a window. Each
+/// of these waits for at most two submissions, that which is under way and the one whose turn is next: with halves of
+/// what is aimed at, 10 ms, and of what is not to be exceeded, 25 ms, both are done within 50 ms.
+const HASTE: f64 = 2.0;
 
 /// Decides how many items (pixels, rays) each submission of a pass gets, and learns from what they took.
 #[derive(Clone, Debug)]
 pub(super) struct Pacer {
+    /// Whether a window waits for submissions.
+    is_for_window: bool,
     /// Items of this pass.
     total: u32,
     /// What the last complete pass took, in sweep order. Empty before.
@@ -47,22 +59,34 @@ enum Pace {
 
 impl Pacer {
     /// A pacer that knows nothing.
-    pub(super) fn new() -> Self {
-        Pacer { total: 0, profile: Vec::new(), measured: Vec::new(), pace: Pace::Unknown(FirstPass::new(0)) }
+    pub(super) fn new(is_for_window: bool) -> Self {
+        let pace = Pace::Unknown(FirstPass::new(0, 0));
+        Pacer { is_for_window, total: 0, profile: Vec::new(), measured: Vec::new(), pace }
+    }
+
+    /// The same, knowing nothing.
+    pub(super) fn forgotten(&self) -> Self {
+        Pacer::new(self.is_for_window)
     }
 
     /// Begins a pass over `total` items. It is planned where a complete pass over as many was measured last; a pass
-    /// that was broken off teaches nothing.
+    /// that was broken off teaches nothing. For a window also passes over other numbers do: they are over the same
+    /// picture with other numbers of pixels, whose first submissions would else run from cheap background into dear
+    /// relief.
     pub(super) fn begin_pass(&mut self, total: u32) {
         let measured = std::mem::take(&mut self.measured);
         if plan::items_of(&measured) == u64::from(self.total) {
             self.profile = measured;
         }
+        if self.is_for_window && self.total != total {
+            self.profile = plan::scaled(&self.profile, total);
+        }
         self.total = total;
         self.pace = if total > 0 && plan::items_of(&self.profile) == u64::from(total) {
             Pace::Planned(Plan::new(&self.profile))
         } else {
-            Pace::Unknown(FirstPass::new(total))
+            let cautious = if self.is_for_window { CAUTIOUS_OF_WINDOW } else { CAUTIOUS };
+            Pace::Unknown(FirstPass::new(total, cautious))
         };
     }
 
@@ -78,6 +102,7 @@ impl Pacer {
 
     /// Takes note of what a submission of `items` items took.
     pub(super) fn record(&mut self, items: u32, ms: f64) {
+        let ms = if self.is_for_window { HASTE * ms } else { ms };
         let bound = match &mut self.pace {
             Pace::Unknown(first_pass) => first_pass.record(items, ms),
             Pace::Planned(plan) => plan.record(items, ms),

@@ -47,7 +47,7 @@ impl Programs {
         self.features = features;
         self.made.retain(|program| program.kernel.is_alike(program.features, features));
         for program in &mut self.made {
-            program.pacer = Pacer::new();
+            program.pacer = program.pacer.forgotten();
         }
     }
 
@@ -58,7 +58,8 @@ impl Programs {
             None => {
                 let features = self.features;
                 let pipeline = Pipeline::new(device, kernel, features)?;
-                self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
+                let pacer = Pacer::new(device.physical().presents);
+                self.made.push(Program { pipeline, kernel, features, pacer });
                 self.made.len() - 1
             }
         };

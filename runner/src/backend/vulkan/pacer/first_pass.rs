@@ -3,12 +3,6 @@
 use super::plan::Bound;
 use super::{FEWEST_ITEMS, TAIL_SHARE, TARGET_MS, TELLING_PART};
 
-/// Items of the first submission: even at 10 µs each, what a brute-force search over a thousand micro-triangles
-/// takes on a slow device, it stays under 50 ms.
-const FIRST_ITEMS: u32 = 4096;
-/// One long submission does not push the size below this: it may be a tail, or the first one of all, which pays for
-/// what drivers put off until then (code generation, clocks). If so few items again take too long, they are dear.
-const CAUTIOUS_ITEMS: u32 = 2048;
 /// No submission gets more than this part of the work (or the cautious size, where the part is smaller): cheap
 /// background may be followed by a surface of a hundred times its cost.
 const PARTS: u32 = 32;
@@ -29,13 +23,17 @@ pub(super) struct FirstPass {
     too_long: Option<(f64, f64)>,
     /// The longest tail seen in milliseconds: what submissions may take without being too large.
     tail_ms: f64,
+    /// One long submission does not push the size below this: it may be a tail, or the first one of all, which pays for
+    /// what drivers put off until then (code generation, clocks). If so few items again take too long, they are dear.
+    cautious: f64,
 }
 
 impl FirstPass {
-    /// The pace at the start of `total` items.
-    pub(super) fn new(total: u32) -> Self {
-        let ceiling = f64::from((total / PARTS).max(CAUTIOUS_ITEMS));
-        FirstPass { items: f64::from(FIRST_ITEMS).min(ceiling), ceiling, too_long: None, tail_ms: 0.0 }
+    /// The pace at the start of `total` items; the first submission has twice the `cautious` ones.
+    pub(super) fn new(total: u32, cautious: u32) -> Self {
+        let ceiling = f64::from((total / PARTS).max(cautious));
+        let cautious = f64::from(cautious);
+        FirstPass { items: (2.0 * cautious).min(ceiling), ceiling, too_long: None, tail_ms: 0.0, cautious }
     }
 
     /// How many items the next submission should get.
@@ -71,7 +69,7 @@ impl FirstPass {
         if self.too_long.is_none_or(|(_, before_ms)| ms > before_ms * DEARER) {
             self.too_long = Some((items, ms));
         }
-        self.items = shrunk(items, ms);
+        self.items = self.shrunk(items, ms);
         Bound::Unknown
     }
 
@@ -88,31 +86,32 @@ impl FirstPass {
         let wanted = if ms > 0.0 { items * TARGET_MS / ms } else { f64::INFINITY };
         wanted.clamp(self.items, self.items * MOST_GROWTH)
     }
-}
 
-/// The next size after a submission that was too long: in proportion.
-fn shrunk(items: f64, ms: f64) -> f64 {
-    let fewest = if items > f64::from(CAUTIOUS_ITEMS) { CAUTIOUS_ITEMS } else { FEWEST_ITEMS };
-    (items * TARGET_MS / ms).max(f64::from(fewest))
+    /// The next size after a submission that was too long: in proportion.
+    fn shrunk(&self, items: f64, ms: f64) -> f64 {
+        let fewest = if items > self.cautious { self.cautious } else { f64::from(FEWEST_ITEMS) };
+        (items * TARGET_MS / ms).max(fewest)
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::CAUTIOUS;
     use super::*;
 
     #[test]
     fn the_start_is_small_and_growth_bounded() {
-        let mut pass = FirstPass::new(u32::MAX);
-        assert_eq!(pass.items(), FIRST_ITEMS);
+        let mut pass = FirstPass::new(u32::MAX, CAUTIOUS);
+        assert_eq!(pass.items(), 2 * CAUTIOUS);
         pass.record(pass.items(), 0.0);
-        assert_eq!(pass.items(), 2 * FIRST_ITEMS);
+        assert_eq!(pass.items(), 4 * CAUTIOUS);
         pass.record(pass.items(), TARGET_MS / 1.5);
-        assert_eq!(pass.items(), 3 * FIRST_ITEMS);
+        assert_eq!(pass.items(), 6 * CAUTIOUS);
     }
 
     #[test]
     fn nothing_grows_beyond_its_part_of_the_work() {
-        let mut pass = FirstPass::new(32 * 10_000);
+        let mut pass = FirstPass::new(32 * 10_000, CAUTIOUS);
         for _ in 0..5 {
             pass.record(pass.items(), 0.1);
         }
@@ -121,9 +120,9 @@ mod tests {
 
     #[test]
     fn one_long_submission_shrinks_to_the_cautious_size_at_most_and_two_further() {
-        let mut pass = FirstPass::new(u32::MAX);
+        let mut pass = FirstPass::new(u32::MAX, CAUTIOUS);
         pass.record(pass.items(), 500.0);
-        assert_eq!(pass.items(), CAUTIOUS_ITEMS);
+        assert_eq!(pass.items(), CAUTIOUS);
         pass.record(pass.items(), 250.0);
         assert_eq!(pass.items(), 163, "2048 items of 250 ms, of which 20 are wanted");
         pass.record(pass.items(), 1e9);
@@ -132,7 +131,7 @@ mod tests {
 
     #[test]
     fn shrinking_in_vain_is_undone() {
-        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000) };
+        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000, CAUTIOUS) };
         assert_eq!(pass.record(15_000, 100.0), Bound::Unknown);
         assert_eq!(pass.items(), 3000);
         assert_eq!(pass.record(3000, 95.0), Bound::Tail { proven_ms: 95.0 });
@@ -141,16 +140,16 @@ mod tests {
         assert_eq!(pass.record(6000, 100.0), Bound::Tail { proven_ms: 100.0 });
         assert_eq!(pass.items(), 6000);
         assert_eq!(pass.record(6000, 200.0), Bound::Unknown);
-        assert_eq!(pass.items(), CAUTIOUS_ITEMS);
+        assert_eq!(pass.items(), CAUTIOUS);
     }
 
     #[test]
     fn items_that_become_dearer_are_no_tail() {
-        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000) };
+        let mut pass = FirstPass { items: 15_000.0, ..FirstPass::new(32 * 15_000, CAUTIOUS) };
         assert_eq!(pass.record(15_000, 70.0), Bound::Unknown);
         // Dearer by more than a tail of 70 ms explains, and dearer by little while hardly fewer.
         assert_eq!(pass.record(3000, 100.0), Bound::Unknown);
-        assert_eq!(pass.items(), CAUTIOUS_ITEMS);
+        assert_eq!(pass.items(), CAUTIOUS);
         assert_eq!(pass.record(2048, 100.0), Bound::Unknown);
         assert_eq!(pass.items(), 409);
         // Compared with the dearer ones, not with the first: 60 ms are less than 70 % of theirs.
@@ -159,10 +158,10 @@ mod tests {
 
     #[test]
     fn a_cheap_remainder_changes_nothing_but_a_dear_one_does() {
-        let mut pass = FirstPass::new(u32::MAX);
+        let mut pass = FirstPass::new(u32::MAX, CAUTIOUS);
         pass.record(100, 0.05);
-        assert_eq!(pass.items(), FIRST_ITEMS);
+        assert_eq!(pass.items(), 2 * CAUTIOUS);
         pass.record(10, 100.0);
-        assert!(pass.items() < FIRST_ITEMS);
+        assert!(pass.items() < 2 * CAUTIOUS);
     }
 }

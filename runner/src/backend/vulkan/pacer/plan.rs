@@ -48,6 +48,25 @@ pub(super) fn items_of(profile: &[Stretch]) -> u64 {
     profile.iter().map(|stretch| u64::from(stretch.items)).sum()
 }
 
+/// What a pass over `total` items would be if its parts were as dear as those of a profile: the same picture with other
+/// numbers of pixels. Empty where that is.
+pub(super) fn scaled(profile: &[Stretch], total: u32) -> Vec<Stretch> {
+    let all = items_of(profile);
+    let (mut stretches, mut before, mut done, mut ms) = (Vec::new(), 0, 0, 0.0);
+    for stretch in profile {
+        before += u64::from(stretch.items);
+        // At most `total`.
+        let end = u32::try_from(before * u64::from(total) / all.max(1)).unwrap_or(total);
+        ms += stretch.ms * f64::from(total) / all as f64;
+        if end > done {
+            let bound = if stretch.bound == Bound::Work { Bound::Work } else { Bound::Unknown };
+            stretches.push(Stretch { items: end - done, ms, bound });
+            (done, ms) = (end, 0.0);
+        }
+    }
+    stretches
+}
+
 /// Cuts a pass by the profile of the one before it.
 ///
 /// Stretches are joined while the sum of their times is within the target, and beyond it where tails are known to

@@ -72,7 +72,7 @@ impl<W: Fn(u32) -> f64, T: Fn(u32) -> f64> Device<W, T> {
 
 #[test]
 fn even_work_ends_in_submissions_of_the_target() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // 2 million pixels of 0.1 µs: 200 ms, ten submissions of 20 ms. The first pass's are of 6.25 ms, of which three
     // are joined.
     let device = even(|_| 1e-4);
@@ -85,7 +85,7 @@ fn even_work_ends_in_submissions_of_the_target() {
 
 #[test]
 fn even_dear_work_is_cut_to_the_target_and_stays_so() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // A slow device: 10 µs a pixel, 3 s in all, of which the first 4096 take 41 ms.
     let device = even(|_| 1e-2);
     for pass in 0..6 {
@@ -98,7 +98,7 @@ fn even_dear_work_is_cut_to_the_target_and_stays_so() {
 
 #[test]
 fn a_hundred_times_dearer_half_stays_under_50_ms() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let device = even(|i| if i < 1_000_000 { 5e-6 } else { 5e-4 });
     for pass in 0..8 {
         let went = device.pass(&mut pacer, 2_000_000);
@@ -110,7 +110,7 @@ fn a_hundred_times_dearer_half_stays_under_50_ms() {
 
 #[test]
 fn one_slow_ray_does_not_cut_the_picture_to_crumbs() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // 480,000 pixels that take 4 ms together, and one of 30 ms.
     let device = Device { work_ms: |_| 4.0 / 480_000.0, tail_ms: |i| if i == 211_111 { 30.0 } else { 0.0 } };
     for pass in 0..10 {
@@ -125,7 +125,7 @@ fn one_slow_ray_does_not_cut_the_picture_to_crumbs() {
 fn slow_rays_everywhere_end_up_side_by_side() {
     // Short tails, that could be joined only on trial, tails beyond the target, and such as exceed every limit.
     for slowest_ms in [4.0, 15.0, 30.0, 100.0] {
-        let mut pacer = Pacer::new();
+        let mut pacer = Pacer::new(false);
         let device = Device {
             work_ms: |_| 4.0 / 480_000.0,
             tail_ms: |i| if i % 5000 == 2500 { slowest_ms } else { 0.0 },
@@ -144,7 +144,7 @@ fn slow_rays_everywhere_end_up_side_by_side() {
 
 #[test]
 fn slow_rays_that_wander_cost_few_submissions() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     for pass in 0..20 {
         let slow = pcg4d(UVec4::new(pass, 1, 2, 3)).x % 480_000;
         let tail_ms = |i| if i == slow { 30.0 } else { 0.0 };
@@ -155,7 +155,7 @@ fn slow_rays_that_wander_cost_few_submissions() {
 
 #[test]
 fn costs_that_grow_tenfold_surprise_one_submission() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     for _ in 0..4 {
         even(|_| 1e-4).pass(&mut pacer, 2_000_000);
     }
@@ -175,7 +175,7 @@ fn costs_that_grow_tenfold_surprise_one_submission() {
 
 #[test]
 fn costs_that_creep_up_are_followed() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let mut cost_ms = 1e-7;
     for pass in 0..40 {
         let went = even(|_| cost_ms).pass(&mut pacer, 500_000);
@@ -187,7 +187,7 @@ fn costs_that_creep_up_are_followed() {
 #[test]
 fn films_of_odd_sizes_are_paced_as_others() {
     for (width, height) in [(1, 1), (7, 3), (1001, 777), (3, 100_003), (100_003, 3)] {
-        let mut pacer = Pacer::new();
+        let mut pacer = Pacer::new(false);
         for pass in 0..6 {
             let went = even(|_| 2e-4).film_pass(&mut pacer, width, height);
             assert!(went.longest_ms < LIMIT_MS, "{width}x{height}, pass {pass}: {went:?}");
@@ -199,7 +199,7 @@ fn films_of_odd_sizes_are_paced_as_others() {
 
 #[test]
 fn passes_settle() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // Cost waves of a factor of 20 along the sweep, 400 ms in all.
     let device = even(|i| 2e-4 * (1.05 + (f64::from(i) * 2e-5).sin()));
     let passes: Vec<_> = (0..12).map(|_| device.pass(&mut pacer, 2_000_000)).collect();
@@ -213,7 +213,7 @@ fn passes_settle() {
 
 #[test]
 fn fast_devices_soon_get_whole_pictures() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // A pass of 1 ms. The first one's submissions are mostly overhead, which makes pixels look dear.
     let device = even(|_| 5e-7);
     assert!(device.pass(&mut pacer, 2_000_000).submissions >= 32);
@@ -222,7 +222,7 @@ fn fast_devices_soon_get_whole_pictures() {
 
 #[test]
 fn a_slow_first_submission_costs_a_few_small_ones() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     pacer.begin_pass(1_000_000);
     let mut done = 0;
     while done < 1_000_000 {
@@ -238,7 +238,7 @@ fn a_slow_first_submission_costs_a_few_small_ones() {
 
 #[test]
 fn passes_broken_off_teach_nothing() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let device = even(|_| 1e-6);
     for _ in 0..3 {
         device.pass(&mut pacer, 1_000_000);
@@ -252,7 +252,7 @@ fn passes_broken_off_teach_nothing() {
 
 #[test]
 fn a_submission_never_falls_below_a_workgroup() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     for _ in 0..3 {
         pacer.begin_pass(1000);
         for _ in 0..10 {
@@ -266,4 +266,37 @@ fn a_submission_never_falls_below_a_workgroup() {
         pacer.record(total, 0.1);
         assert!(pacer.items() >= FEWEST_ITEMS, "nothing left of {total}");
     }
+}
+
+/// A preview with a quarter of the columns and rows tells what all pixels cost: no submission of the first whole pass
+/// runs from background, of which it could have a hundred times more, into relief. Two of the longest are done within
+/// 50 ms.
+#[test]
+fn preview_tells_a_window_what_pixels_cost() {
+    let cost = |i: u32, of: u32| if u64::from(i) * 10 < u64::from(of) * 6 { 1e-4 } else { 1e-2 };
+    let (small, large) = (12_000, 192_000);
+    let preview = even(|i| cost(i, small));
+    let whole = even(|i| cost(i, large));
+    let mut pacer = Pacer::new(true);
+    preview.pass(&mut pacer, small);
+    let known = whole.pass(&mut pacer, large);
+    assert!(known.longest_ms < LIMIT_MS / 2.0, "{known:?}");
+    let unknown = whole.pass(&mut Pacer::new(true), large);
+    assert!(unknown.longest_ms > LIMIT_MS / 2.0, "the preview makes the difference: {unknown:?}");
+    // 779 ms of work, of which each submission is to take 10.
+    assert!(known.submissions < 200, "{known:?}");
+}
+
+/// Whatever the numbers, no item is lost, and the time is in proportion.
+#[test]
+fn profiles_scale_to_any_number_of_items() {
+    let stretch = |items, ms| Stretch { items, ms, bound: plan::Bound::Unknown };
+    let profile = [stretch(1, 3.0), stretch(1, 1.0), stretch(98, 6.0)];
+    for total in [1, 2, 7, 99, 100, 101, 12_345, u32::MAX] {
+        let scaled = plan::scaled(&profile, total);
+        assert_eq!(plan::items_of(&scaled), u64::from(total));
+        let ms: f64 = scaled.iter().map(|stretch| stretch.ms).sum();
+        assert!((ms - 0.1 * f64::from(total)).abs() <= 1e-9 * ms, "{total}: {ms}");
+    }
+    assert!(plan::scaled(&profile, 0).is_empty() && plan::scaled(&[], 5).is_empty());
 }
