@@ -195,6 +195,7 @@ const PACKAGES: &[Package] = &[
     Package { name: "vulkan-validationlayers", is_there: has_validation_layer },
     Package { name: "xvfb", is_there: || has_program("Xvfb") },
     Package { name: "xdotool", is_there: || has_program("xdotool") },
+    Package { name: "openbox", is_there: || has_program("openbox") },
     Package { name: "weston", is_there: || has_program("weston") },
     // What a window loads when it opens.
     Package { name: "libxcursor1", is_there: || has_library("libXcursor.so.1") },

@@ -98,6 +98,8 @@ pub(super) struct Inputs {
     pub(super) scale: Option<f32>,
     /// The files that were read.
     pub(super) files: Vec<PathBuf>,
+    /// Maps that materials name and that are not there.
+    pub(super) missing: Vec<PathBuf>,
 }
 
 /// An argument's value and where it comes from.
@@ -214,6 +216,8 @@ struct Described {
     zero: &'static str,
     scale: &'static str,
     normal: &'static str,
+    /// Maps that it names and that are not there.
+    missing: Vec<PathBuf>,
 }
 
 /// Loads what the arguments name, and fills in what they leave out.
@@ -287,6 +291,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             })
             .flatten(),
     );
+    let described = models.iter().flat_map(|model| &model.materials);
+    let missing = described.flat_map(|material| material.missing.clone()).collect();
     let channels = request.channels().unwrap_or(match displacement {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
@@ -311,7 +317,18 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     if !request.cache {
         scene.reliefs.iter_mut().for_each(|relief| relief.stem = None);
     }
-    Ok(Inputs { scene, displacement, subdivisions, choices, view, lights, is_displaced, scale, files })
+    Ok(Inputs {
+        scene,
+        displacement,
+        subdivisions,
+        choices,
+        view,
+        lights,
+        is_displaced,
+        scale,
+        files,
+        missing,
+    })
 }
 
 fn zero_of_heights(material: &Described) -> (String, &'static str) {
@@ -539,6 +556,8 @@ impl Described {
 
     /// A material of a model's file; `scale` is the height that its maps have where it says nothing of that.
     fn of_model(material: ModelMaterial, scale: f32) -> Described {
+        let named = [&material.color, &material.normal, &material.height].into_iter().flatten();
+        let missing = named.map(|map| map.path.clone()).filter(|path| !path.is_file()).collect();
         let color = existing(material.color).map(|map| (map, MATERIAL));
         let color = color.or_else(|| existing(material.normal.clone()).map(|map| (map, NORMAL_MAP)));
         let height = existing(material.height);
@@ -565,6 +584,7 @@ impl Described {
             zero: if range.is_some() { MATERIAL } else { DEFAULT },
             scale: if range.is_some() { MATERIAL } else { DEFAULT },
             normal: if material.normal.is_some() { MATERIAL } else { DEFAULT },
+            missing,
             source: MaterialSource {
                 albedo: material.albedo,
                 color_wrap: color.as_ref().and_then(|(map, _)| map.wrap),
@@ -632,6 +652,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         zero: BUILTIN,
         scale: BUILTIN,
         normal: DEFAULT,
+        missing: vec![],
     };
     let lights = lights.into_iter().map(light).collect();
     let recommended = Recommended { subdivisions, view: (view, up), lights };

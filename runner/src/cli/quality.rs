@@ -78,7 +78,7 @@ impl RenderArgs {
         if configuration.method != Method::NormalMap {
             (self.normal_map, self.normal_space) = (None, None);
         }
-        if chosen.configuration.method != Method::BumpOffset {
+        if configuration.method != Method::BumpOffset {
             self.offset_map = None;
         }
         // A method that has no use for N may have none for `auto` either, which a scene file may say.

@@ -19,6 +19,9 @@ pub(super) struct ViewArgs {
     /// Inputs and waits in place of a user: see `Script`
     #[arg(long, value_name = "FILE", hide = true)]
     script: Option<PathBuf>,
+    /// Shows pictures as hardware does, also where the device is software
+    #[arg(long, hide = true)]
+    by_swapchain: bool,
 }
 
 impl ViewArgs {
@@ -48,6 +51,7 @@ impl ViewArgs {
             backend: args.backend,
             device: args.device.clone(),
             validate: args.validate,
+            by_swapchain: self.by_swapchain,
             output,
             script,
             start,
@@ -72,6 +76,8 @@ impl Source for Files {
         })?;
         args.check_own_maps(settings.method).map_err(|error| Unread { error: error.into(), file: None })?;
         let mut files = inputs.files;
+        // They may come.
+        files.extend(inputs.missing);
         files.extend(self.args.normal_map.iter().chain(&self.args.offset_map).cloned());
         Ok(Loaded {
             scene: inputs.scene,

@@ -20,6 +20,18 @@ pub(super) struct Cell {
     pub(super) id: u32,
 }
 
+/// What belongs to each point of a lattice, computed once: maps read it a hundred times. Bits are the same.
+#[derive(Clone, Debug)]
+pub(super) struct Table<T> {
+    lattice: Lattice,
+    of_point: fn(Lattice, IVec2) -> T,
+    /// Row by row, of a period and a margin round it.
+    values: Vec<T>,
+}
+
+/// How far beyond a period a pattern within it looks.
+const MARGIN: i32 = 3;
+
 /// Radius, in cells, by which the corners of a cellular pattern are rounded. Half of it gives facets, twice as much
 /// makes all cells look alike.
 const ROUNDING: f32 = 0.07;
@@ -36,55 +48,36 @@ impl Lattice {
         mix(mix(mix(self.seed).wrapping_add(p.x.cast_unsigned())).wrapping_add(p.y.cast_unsigned()))
     }
 
-    /// Gradient noise after Perlin 2002, about -1 to 1, 0 at lattice points.
-    pub(super) fn gradient(self, p: Vec2) -> f32 {
-        let base = p.floor();
-        let f = p - base;
-        let corner = |x, y| {
-            let offset = IVec2::new(x, y);
-            let angle = unit(self.hash(base.as_ivec2() + offset)) * std::f32::consts::TAU;
-            Vec2::from_angle(angle).dot(f - offset.as_vec2())
-        };
-        let t = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
-        let bottom = lerp(corner(0, 0), corner(1, 0), t.x);
-        let top = lerp(corner(0, 1), corner(1, 1), t.x);
-        // Gradients of length 1 reach sqrt(1/2) in the middle of a cell.
-        lerp(bottom, top, t.y) * std::f32::consts::SQRT_2
+    /// The gradient at a lattice point, of length 1.
+    fn slope(self, point: IVec2) -> Vec2 {
+        Vec2::from_angle(unit(self.hash(point)) * std::f32::consts::TAU)
+    }
+
+    /// An octave of a fractal sum.
+    fn octave(self, octave: u32) -> Self {
+        Self { period: self.period * (1 << octave), seed: self.seed.wrapping_add(octave) }
     }
 
     /// Fractal sum of gradient noise: each octave twice as fine and half as strong, about -1 to 1.
     pub(super) fn fractal(self, p: Vec2, octaves: u32) -> f32 {
-        let mut sum = 0.0;
-        let mut weights = 0.0;
-        for octave in 0..octaves {
-            let factor = 1 << octave;
-            let finer = Self { period: self.period * factor, seed: self.seed.wrapping_add(octave) };
-            let weight = 1.0 / factor as f32;
-            sum += weight * finer.gradient(p * factor as f32);
-            weights += weight;
-        }
-        sum / weights
+        fractal(p, (0..octaves).map(|octave| move |point| self.octave(octave).slope(point)))
+    }
+
+    /// The tables of a fractal sum that is read often: see [`fractal_of`].
+    pub(super) fn fractal_table(self, octaves: u32) -> Vec<Table<Vec2>> {
+        (0..octaves).map(|octave| Table::new(self.octave(octave), Lattice::slope)).collect()
     }
 
     /// The Voronoi cell of a point, one centre to each unit square (Worley 1996). Its borders are the bisectors to
     /// the centres within two squares; [`ROUNDING`] says how smoothly the least of their distances is taken.
     pub(super) fn cellular(self, p: Vec2) -> Cell {
-        let home = p.floor().as_ivec2();
-        let (nearest, offset) = square(1)
-            .map(|step| (home + step, p - self.center(home + step)))
-            .min_by(|a, b| a.1.length_squared().total_cmp(&b.1.length_squared()))
-            .unwrap_or((home, Vec2::ZERO));
-        let sum: f32 = square(2)
-            // The centres of the outermost corners are too far off to be neighbours.
-            .filter(|&step| step != IVec2::ZERO && step.length_squared() < 8)
-            .map(|step| {
-                let other = p - self.center(nearest + step);
-                // From one centre to the other, and the point's distance to the middle between them.
-                let distance = (offset - other).normalize().dot(-(offset + other) * 0.5);
-                (-distance / ROUNDING).exp()
-            })
-            .sum();
-        Cell { border: (-ROUNDING * sum.ln()).max(0.0), id: self.hash(nearest) }
+        let (border, nearest) = cellular(p, |square| self.center(square));
+        Cell { border, id: self.hash(nearest) }
+    }
+
+    /// The table of a cellular pattern that is read often.
+    pub(super) fn cellular_table(self) -> Table<Vec2> {
+        Table::new(self, Lattice::center)
     }
 
     /// The centre of the cell of a unit square, away from the square's border so that cells keep a fair size.
@@ -92,6 +85,87 @@ impl Lattice {
         let hash = self.hash(square);
         square.as_vec2() + 0.1 + 0.8 * Vec2::new(unit(mix(hash)), unit(mix(hash ^ 0x5bd1_e995)))
     }
+}
+
+impl<T: Copy> Table<T> {
+    fn new(lattice: Lattice, of_point: fn(Lattice, IVec2) -> T) -> Self {
+        let along = |period: i32| -MARGIN..period + MARGIN;
+        let points =
+            along(lattice.period.y).flat_map(|y| along(lattice.period.x).map(move |x| IVec2::new(x, y)));
+        Table { lattice, of_point, values: points.map(|point| of_point(lattice, point)).collect() }
+    }
+
+    fn at(&self, point: IVec2) -> T {
+        let (place, size) = (point + MARGIN, self.lattice.period + 2 * MARGIN);
+        let is_there = place.cmpge(IVec2::ZERO).all() && place.cmplt(size).all();
+        // Of points beyond the margin nothing is kept.
+        let value = is_there.then(|| self.values.get((place.y * size.x + place.x).cast_unsigned() as usize));
+        value.flatten().copied().unwrap_or_else(|| (self.of_point)(self.lattice, point))
+    }
+}
+
+impl Table<Vec2> {
+    /// As [`Lattice::cellular`].
+    pub(super) fn cellular(&self, p: Vec2) -> Cell {
+        let (border, nearest) = cellular(p, |square| self.at(square));
+        Cell { border, id: self.lattice.hash(nearest) }
+    }
+}
+
+/// As [`Lattice::fractal`].
+pub(super) fn fractal_of(octaves: &[Table<Vec2>], p: Vec2) -> f32 {
+    fractal(p, octaves.iter().map(|octave| |point| octave.at(point)))
+}
+
+/// A fractal sum of noises with these gradients at lattice points.
+fn fractal<F: Fn(IVec2) -> Vec2>(p: Vec2, octaves: impl Iterator<Item = F>) -> f32 {
+    let mut sum = 0.0;
+    let mut weights = 0.0;
+    for (octave, slope) in octaves.enumerate() {
+        let factor = (1 << octave) as f32;
+        let weight = 1.0 / factor;
+        sum += weight * gradient(p * factor, slope);
+        weights += weight;
+    }
+    sum / weights
+}
+
+/// Gradient noise after Perlin 2002, about -1 to 1, 0 at lattice points, where it has these slopes.
+fn gradient(p: Vec2, slope: impl Fn(IVec2) -> Vec2) -> f32 {
+    let base = p.floor();
+    let f = p - base;
+    let corner = |x, y| {
+        let offset = IVec2::new(x, y);
+        slope(base.as_ivec2() + offset).dot(f - offset.as_vec2())
+    };
+    let t = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
+    let bottom = lerp(corner(0, 0), corner(1, 0), t.x);
+    let top = lerp(corner(0, 1), corner(1, 1), t.x);
+    // Slopes of length 1 reach sqrt(1/2) in the middle of a cell.
+    lerp(bottom, top, t.y) * std::f32::consts::SQRT_2
+}
+
+/// The distance of a point to the border of its cell, and the square of the cell's centre.
+fn cellular(p: Vec2, center: impl Fn(IVec2) -> Vec2) -> (f32, IVec2) {
+    let home = p.floor().as_ivec2();
+    let (nearest, offset) = square(1)
+        .map(|step| (home + step, p - center(home + step)))
+        .min_by(|a, b| a.1.length_squared().total_cmp(&b.1.length_squared()))
+        .unwrap_or((home, Vec2::ZERO));
+    let sum: f32 = square(2)
+        // The centres of the outermost corners are too far off to be neighbours.
+        .filter(|&step| step != IVec2::ZERO && step.length_squared() < 8)
+        .map(|step| {
+            let other = p - center(nearest + step);
+            // From one centre to the other, and the point's distance to the middle between them.
+            let way = offset - other;
+            // Vec2's own root is a software one, for kernels; this one gives the same.
+            let along = way * (1.0 / way.length_squared().sqrt());
+            let distance = along.dot(-(offset + other) * 0.5);
+            (-distance / ROUNDING).exp()
+        })
+        .sum();
+    ((-ROUNDING * sum.ln()).max(0.0), nearest)
 }
 
 /// The points at most `reach` steps from the origin along each axis.
@@ -150,11 +224,22 @@ mod tests {
     fn gradient_noise_stays_in_its_range_and_fills_it() {
         let lattice = Lattice::new(6, 4, 7);
         let (min, max) = points()
-            .map(|p| lattice.gradient(p))
+            .map(|p| lattice.fractal(p, 1))
             .fold((0f32, 0f32), |(min, max), x| (min.min(x), max.max(x)));
         assert!(min >= -1.0 && max <= 1.0, "{min} {max}");
         assert!(min < -0.4 && max > 0.4, "{min} {max}");
-        assert_eq!(lattice.gradient(Vec2::new(3.0, 2.0)), 0.0);
+        assert_eq!(lattice.fractal(Vec2::new(3.0, 2.0), 1), 0.0);
+    }
+
+    /// Within a period, and beyond it, where nothing is kept.
+    #[test]
+    fn tables_hold_what_is_computed() {
+        let lattice = Lattice::new(6, 4, 7);
+        let (octaves, cells) = (lattice.fractal_table(3), lattice.cellular_table());
+        for p in points().flat_map(|p| [p, p - 20.0]) {
+            assert_eq!(fractal_of(&octaves, p), lattice.fractal(p, 3), "{p}");
+            assert_eq!(cells.cellular(p), lattice.cellular(p), "{p}");
+        }
     }
 
     #[test]

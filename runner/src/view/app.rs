@@ -1,15 +1,15 @@
 //! The window.
 
+mod steps;
+
 use super::canvas::{Canvas, Font};
 use super::input::Input;
 use super::overlay::{self, Status};
-use super::present::{self, Opened, PresentError, Presenter};
+use super::present::{self, Opened, PresentError, Presenter, Progress};
 use super::renderer::{Handle, Reading, Report, Seen, Setup, Wanted};
-use super::screen::{Answers, RETRY, Screen};
-use super::script::{Script, Step};
+use super::screen::{Delays, RETRY, Screen, UnderWay};
 use super::state::{Effect, State};
 use super::{Engine, Failure, Options, Shot, Source, ViewError};
-use crate::backend::vulkan::Shown;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -29,6 +29,9 @@ const TICK: Duration = Duration::from_millis(16);
 const TITLE: Duration = Duration::from_millis(250);
 /// How long a step of a script waits.
 const SCRIPT_PATIENCE: Duration = Duration::from_secs(120);
+/// How long a turn without an event lasts at least. On X11 the loop is also woken by answers to the thread that shows
+/// pictures, and again until that thread has read them: it needs the processor for that.
+const IDLE_TURN: Duration = Duration::from_micros(500);
 /// What is below a notch of a touchpad, in pixels.
 const NOTCH: f64 = 40.0;
 
@@ -43,7 +46,7 @@ pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewE
     let reading = Reading::start(&source);
     let mut app = App::new(source, reading, options, event_loop.create_proxy());
     let ended = event_loop.run_app(&mut app);
-    tracing::debug!("the window answered within {:.1} ms", milliseconds(app.answers.longest));
+    tracing::debug!("the window answered: {}; pictures were shown: {}", app.answers, app.showings);
     match (app.error, ended) {
         (Some(error), _) => Err(error),
         (None, Err(error)) => Err(ViewError::Window { reason: error.to_string() }),
@@ -80,14 +83,21 @@ struct App {
     last_title: Option<Instant>,
     /// Whether it says what was so before.
     is_title_stale: bool,
+    /// When the first was due of what is being done.
     turn: Instant,
-    /// Since the first picture.
-    answers: Answers,
+    /// Whether nothing has happened in this turn.
+    is_idle_turn: bool,
+    /// From an event until the next can be heard, since the first picture.
+    answers: Delays,
+    /// From when there is something to show until it is shown, since then.
+    showings: Delays,
     error: Option<ViewError>,
 }
 
 /// What there is while the window is open. The thread ends first, then what shows its pictures.
 struct Open {
+    /// Whether the window's system says that nobody sees it. On X11 a minimised window keeps its size.
+    is_out_of_sight: bool,
     renderer: Handle,
     reports: Receiver<Report>,
     presenter: Box<dyn Presenter>,
@@ -125,7 +135,9 @@ impl App {
             last_title: None,
             is_title_stale: true,
             turn: Instant::now(),
-            answers: Answers::default(),
+            is_idle_turn: false,
+            answers: Delays::default(),
+            showings: Delays::default(),
             error: None,
         }
     }
@@ -136,9 +148,13 @@ impl App {
         let attributes = Window::default_attributes().with_title(&options.title).with_inner_size(size);
         let failed = |error: winit::error::OsError| ViewError::Window { reason: error.to_string() };
         let window = Arc::new(event_loop.create_window(attributes).map_err(failed)?);
-        let device = options.device.as_deref();
-        let opened = present::open(&window, options.backend, device, options.validate)?;
+        let proxy = self.proxy.clone();
+        // Where the loop has ended nobody waits for it.
+        let wake = move || proxy.send_event(()).unwrap_or_default();
+        let opened = present::open(&window, options, wake)?;
         let Opened { presenter, start, engine, device: name } = opened;
+        let took = milliseconds(options.start.elapsed());
+        tracing::debug!("the window was open, with what shows pictures in it, after {took:.0} ms");
         self.status.device = name;
         let (sender, reports) = channel();
         let proxy = self.proxy.clone();
@@ -150,14 +166,22 @@ impl App {
         let renderer = Handle::start(Setup {
             start,
             engine: engine.clone(),
-            is_replaceable: present::is_replaceable(options.backend, device),
+            is_replaceable: present::is_replaceable(options.backend, options.device.as_deref()),
             source: Arc::clone(&self.source),
             reading: self.reading.take().unwrap_or_else(|| Reading::start(&self.source)),
             samples: options.samples,
             output: options.output.clone(),
             report,
         });
-        Ok(Open { renderer, reports, presenter, window, engine, screen: Screen::new() })
+        Ok(Open {
+            is_out_of_sight: false,
+            renderer,
+            reports,
+            presenter,
+            window,
+            engine,
+            screen: Screen::new(),
+        })
     }
 
     fn fail(&mut self, event_loop: &ActiveEventLoop, error: ViewError) {
@@ -173,10 +197,20 @@ impl App {
         open.renderer.want(Wanted { serial: self.serial, tuning: self.state.tuning.clone(), size });
     }
 
+    /// The window's system says whether anyone can see the window.
+    fn is_seen(&mut self, is_seen: bool) {
+        if let Some(open) = &mut self.open {
+            open.is_out_of_sight = !is_seen;
+        }
+        self.redraw();
+    }
+
     fn redraw(&mut self) {
         if let Some(open) = &mut self.open {
-            open.screen.is_stale = true;
-            open.window.request_redraw();
+            open.screen.ask(Instant::now());
+            if !open.screen.is_busy() {
+                open.window.request_redraw();
+            }
         }
     }
 
@@ -279,6 +313,8 @@ impl App {
         match present::on_cpu(&open.window) {
             Ok(Opened { presenter, engine, device, .. }) => {
                 (open.presenter, open.engine) = (presenter, engine);
+                // What becomes of it nobody will tell.
+                open.screen.arrived(false, Instant::now());
                 self.status.device = device;
             }
             Err(error) => self.fail(event_loop, error),
@@ -295,6 +331,11 @@ impl App {
             return;
         }
         (self.last_title, self.is_title_stale) = (Some(Instant::now()), false);
+        // Of a window that is minimised X11 tells nothing until it is seen again.
+        let is_minimized = self.open.as_ref().and_then(|open| open.window.is_minimized());
+        if is_minimized == Some(true) {
+            self.is_seen(false);
+        }
         if let Some(open) = &self.open {
             open.window.set_title(&overlay::title(&self.options.title, &self.state, &self.status));
         }
@@ -302,9 +343,10 @@ impl App {
 
     /// Shows the newest picture with the panel.
     fn show(&mut self) -> Result<(), PresentError> {
-        let Some(open) = &mut self.open else { return Ok(()) };
+        let Some(open) = self.open.as_mut().filter(|open| !open.screen.is_busy()) else { return Ok(()) };
         let was_hidden = open.screen.is_hidden;
-        let is_other = open.screen.takes(open.presenter.size()?);
+        let size = if open.is_out_of_sight { None } else { open.presenter.size()? };
+        let is_other = open.screen.takes(size);
         let is_hidden = open.screen.is_hidden;
         if was_hidden != is_hidden {
             open.renderer.hide(is_hidden);
@@ -317,25 +359,39 @@ impl App {
         }
         let canvas = self.compose();
         if let (Some(canvas), Some(open)) = (canvas, &mut self.open) {
-            let is_shown = open.presenter.show(&canvas)? == Shown::Yes;
-            open.screen.shown(is_shown, Instant::now());
-            if is_shown {
-                self.count_shown();
-            }
+            open.screen.hand_over(self.seen.is_some(), Instant::now());
+            let progress = open.presenter.show(canvas)?;
+            self.note(progress);
         }
         Ok(())
     }
 
-    /// Counts pictures, from the first that shows the model.
-    fn count_shown(&mut self) {
-        if self.seen.is_none() {
+    /// Takes what became of the picture that was under way.
+    fn take_outcome(&mut self, event_loop: &ActiveEventLoop) {
+        let outcome = self.open.as_mut().map(|open| open.presenter.outcome());
+        match outcome {
+            Some(Ok(Some(progress))) => self.note(progress),
+            Some(Err(error)) => self.fail_to_present(event_loop, error),
+            Some(Ok(None)) | None => {}
+        }
+    }
+
+    /// Counts pictures that are shown, from the first one of the model.
+    fn note(&mut self, progress: Progress) {
+        let Some(open) = &mut self.open else { return };
+        if progress == Progress::UnderWay {
             return;
         }
+        let now = Instant::now();
+        let arrived = open.screen.arrived(progress == Progress::Shown, now);
+        let Some(UnderWay { asked, is_of_model: true }) = arrived else { return };
         if self.shown == 0 {
             let took = self.options.start.elapsed();
             tracing::debug!("the first picture was shown after {:.0} ms", milliseconds(took));
-            self.answers = Answers::default();
-            self.turn = Instant::now();
+            (self.answers, self.showings) = (Delays::default(), Delays::default());
+            self.turn = now;
+        } else {
+            self.showings.add(now - asked);
         }
         self.shown += 1;
     }
@@ -354,84 +410,6 @@ impl App {
         Some(canvas)
     }
 
-    /// Does the steps of the script that can be done.
-    fn follow_script(&mut self, event_loop: &ActiveEventLoop) {
-        while let Some(step) = self.options.script.as_mut().and_then(Script::next).cloned() {
-            let since = *self.step_since.get_or_insert_with(Instant::now);
-            if since.elapsed() > SCRIPT_PATIENCE {
-                return self.fail(event_loop, ViewError::Stuck { step: format!("{step:?}") });
-            }
-            if !self.do_step(event_loop, step) {
-                return;
-            }
-            (self.shown_before, self.step_since) = (None, None);
-            self.options.script.as_mut().map(Script::advance);
-        }
-    }
-
-    /// Does a step, or waits for what it waits for: then `false`.
-    fn do_step(&mut self, event_loop: &ActiveEventLoop, step: Step) -> bool {
-        let seen = self.seen.as_ref().filter(|seen| seen.serial == self.serial);
-        match step {
-            Step::Inputs(inputs) => {
-                // Nothing moves, and nothing is tuned, before there is a picture.
-                if self.seen.is_none() {
-                    return false;
-                }
-                inputs.into_iter().for_each(|input| self.hear(event_loop, input));
-            }
-            Step::Size(width, height) => {
-                let Some(open) = &self.open else { return false };
-                let size = PhysicalSize::new(width, height);
-                let current = open.window.inner_size();
-                // Some systems have a new size at once, others tell of it later.
-                if open.screen.size != Some((width, height)) {
-                    if current != size {
-                        let _ = open.window.request_inner_size(size);
-                    }
-                    self.redraw();
-                    return false;
-                }
-            }
-            Step::Samples(samples) => {
-                let is_shown = self.open.as_ref().is_some_and(|open| !open.screen.is_stale);
-                return is_shown && seen.is_some_and(|seen| seen.samples >= samples);
-            }
-            Step::Frames(frames) => {
-                let before = *self.shown_before.get_or_insert(self.shown);
-                let is_done = self.shown - before >= frames;
-                if !is_done {
-                    self.redraw();
-                }
-                return is_done;
-            }
-            Step::Message(text) => return self.state.message.starts_with(&text),
-            Step::Say(text) => {
-                let _ = writeln!(std::io::stdout(), "{text} {}", self.status.samples);
-            }
-            Step::Answers(text) => {
-                let Answers { longest, late } = std::mem::take(&mut self.answers);
-                let longest = milliseconds(longest);
-                let _ = writeln!(std::io::stdout(), "{text} {longest:.1} {late} {}", self.shown);
-            }
-            Step::Renew => {
-                if let Some(Err(error)) = self.open.as_mut().map(|open| open.presenter.renew()) {
-                    self.fail_to_present(event_loop, error);
-                }
-                self.redraw();
-            }
-            Step::Grab(path) => {
-                let saved = self.compose().map(|canvas| canvas.save(&path));
-                if let Some(Err(error)) = saved {
-                    let reason = format!("{}: {error}", path.display());
-                    self.fail(event_loop, ViewError::Window { reason });
-                }
-            }
-            Step::Quit => event_loop.exit(),
-        }
-        true
-    }
-
     /// When there is something to do without an event.
     fn next_turn(&self) -> ControlFlow {
         let now = Instant::now();
@@ -445,8 +423,13 @@ impl App {
 }
 
 impl ApplicationHandler for App {
-    fn new_events(&mut self, _: &ActiveEventLoop, _: StartCause) {
-        self.turn = Instant::now();
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        self.is_idle_turn = matches!(cause, StartCause::WaitCancelled { .. });
+        self.turn = match cause {
+            // The system may have let it wait since then.
+            StartCause::ResumeTimeReached { requested_resume, .. } => requested_resume,
+            _ => Instant::now(),
+        };
     }
 
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
@@ -461,17 +444,17 @@ impl ApplicationHandler for App {
     }
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, (): ()) {
+        self.is_idle_turn = false;
+        self.take_outcome(event_loop);
         self.take_reports(event_loop);
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        self.is_idle_turn = false;
         match event {
             WindowEvent::CloseRequested => event_loop.exit(),
-            WindowEvent::Resized(_)
-            | WindowEvent::ScaleFactorChanged { .. }
-            | WindowEvent::Occluded(false) => {
-                self.redraw();
-            }
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.redraw(),
+            WindowEvent::Occluded(is_occluded) => self.is_seen(!is_occluded),
             WindowEvent::RedrawRequested => {
                 if let Err(error) = self.show() {
                     self.fail_to_present(event_loop, error);
@@ -492,6 +475,9 @@ impl ApplicationHandler for App {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        if self.is_idle_turn {
+            return std::thread::sleep(IDLE_TURN);
+        }
         self.follow_script(event_loop);
         let elapsed = self.last_tick.elapsed();
         if !self.state.is_moving() {
@@ -510,7 +496,7 @@ impl ApplicationHandler for App {
         }
         self.set_title();
         event_loop.set_control_flow(self.next_turn());
-        self.answers.add(self.turn);
+        self.answers.add(self.turn.elapsed());
     }
 
     /// The window goes before its display does.

@@ -62,7 +62,8 @@ pub struct Loaded {
     pub exaggeration: f32,
     /// The scale of all height maps before that, where it is one.
     pub scale: Option<f32>,
-    /// The files that it was read from. Those that an OBJ names lie beside it.
+    /// The files that it was read from, and those that it would be if they were there. Libraries of an OBJ lie beside
+    /// it.
     pub files: Vec<PathBuf>,
 }
 
@@ -121,6 +122,8 @@ pub struct Options {
     pub device: Option<String>,
     /// Whether the validation layers look on.
     pub validate: bool,
+    /// Whether pictures are shown by a swapchain also where the device is software.
+    pub by_swapchain: bool,
     /// Where pictures are saved: beside what is there already, with numbers.
     pub output: Destination,
     /// What is done in place of a user.

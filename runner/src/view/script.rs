@@ -12,7 +12,7 @@
 //! | `frames COUNT` | waits until that many more pictures of the model have been shown |
 //! | `message TEXT` | waits until the panel's message begins so |
 //! | `say TEXT` | prints a line with how many samples are seen, so that whoever runs the script knows where it is |
-//! | `answers TEXT` | prints how promptly the window answered since that was printed last: see `Answers` |
+//! | `answers TEXT` | prints how promptly the window answered since that was printed last, and pictures were shown |
 //! | `renew` | makes anew what shows pictures, as where the window's system has taken it back |
 //! | `grab FILE` | saves what the window shows, the panel with it, as a PNG |
 //! | `quit` | closes the window |

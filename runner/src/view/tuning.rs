@@ -151,8 +151,8 @@ impl Tuning {
         self.method.unwrap_or(base.method)
     }
 
-    /// Takes back what cannot be loaded: what of it is still as it was `refused` is again as it is `kept`. The camera
-    /// and what else concerns no scene stay.
+    /// Takes back what cannot be had: what of it is still as it was `refused` is again as it is `kept`. Camera and
+    /// light stay.
     pub(super) fn take_back(&mut self, refused: &Tuning, kept: &Tuning) {
         fn one<T: Copy + PartialEq>(value: &mut T, refused: T, kept: T) {
             if *value == refused {
@@ -164,10 +164,16 @@ impl Tuning {
         one(&mut self.subdivisions, refused.subdivisions, kept.subdivisions);
         one(&mut self.method, refused.method, kept.method);
         one(&mut self.wrap, refused.wrap, kept.wrap);
-        // Errors are loaded with the boxes of what they are shown against; the others are colours of what is loaded.
-        if refused.shade == Some(Shade::Error) {
-            one(&mut self.shade, refused.shade, kept.shade);
-        }
+        one(&mut self.shade, refused.shade, kept.shade);
+        one(&mut self.smooth, refused.smooth, kept.smooth);
+        one(&mut self.shadows, refused.shadows, kept.shadows);
+    }
+
+    /// The same with another one's colours, which are not why its scene is refused. Errors are: they are loaded with
+    /// the boxes of what they are shown against.
+    pub(super) fn with_colors_of(&self, other: &Tuning) -> Tuning {
+        let shade = if other.shade == Some(Shade::Error) { self.shade } else { other.shade };
+        Tuning { shade, smooth: other.smooth, shadows: other.shadows, ..self.clone() }
     }
 
     /// Multiplies the scales by some steps; they are multiplied by `loaded` at first, and by `MOST_SCALE` times that
@@ -319,7 +325,7 @@ mod tests {
         for (shade, left) in [(Shade::Error, None), (Shade::Uv, Some(Shade::Uv))] {
             let refused = Tuning { shade: Some(shade), ..kept.clone() };
             let mut now = refused.clone();
-            now.take_back(&refused, &kept);
+            now.take_back(&refused, &kept.with_colors_of(&refused));
             assert_eq!(now.shade, left);
         }
     }

@@ -4,12 +4,24 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
+/// Whoever measures times has the machine to itself, as far as these tests go; the others share it.
+static MACHINE: RwLock<()> = RwLock::new(());
+
+enum Machine {
+    Shared { _guard: RwLockReadGuard<'static, ()> },
+    Alone { _guard: RwLockWriteGuard<'static, ()> },
+}
+
 /// A display, with a folder in which it keeps what is its own.
 pub(crate) struct Display {
+    /// What minimises windows, where there is one. It ends before the server.
+    manager: Option<Child>,
     server: Child,
+    _machine: Machine,
     /// How programs find it.
     pub(crate) environment: Vec<(&'static str, OsString)>,
     folder: TempDir,
@@ -17,8 +29,10 @@ pub(crate) struct Display {
 
 impl Drop for Display {
     fn drop(&mut self) {
-        let _ = self.server.kill();
-        let _ = self.server.wait();
+        for child in self.manager.iter_mut().chain([&mut self.server]) {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }
 
@@ -39,6 +53,26 @@ fn started(command: &mut Command) -> Option<Child> {
 impl Display {
     /// One of X11, in memory.
     pub(crate) fn start() -> Option<Display> {
+        let guard = MACHINE.read().unwrap_or_else(PoisonError::into_inner);
+        Self::x11(Machine::Shared { _guard: guard })
+    }
+
+    /// The same, while no other test has a display.
+    pub(crate) fn alone() -> Option<Display> {
+        let guard = MACHINE.write().unwrap_or_else(PoisonError::into_inner);
+        Self::x11(Machine::Alone { _guard: guard })
+    }
+
+    /// One with a manager of windows.
+    pub(crate) fn managed() -> Option<Display> {
+        let mut display = Self::start()?;
+        let mut openbox = Command::new("openbox");
+        openbox.envs(display.environment.clone()).stdout(Stdio::null());
+        display.manager = Some(started(&mut openbox)?);
+        Some(display)
+    }
+
+    fn x11(machine: Machine) -> Option<Display> {
         let folder = tempfile::tempdir().expect("a folder");
         let mut xvfb = Command::new("Xvfb");
         xvfb.args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-fbdir"]);
@@ -47,11 +81,12 @@ impl Display {
         let told = server.stdout.take().expect("piped");
         BufReader::new(told).read_line(&mut number).expect("Xvfb tells its number");
         let environment = vec![("DISPLAY", format!(":{}", number.trim()).into())];
-        Some(Display { server, environment, folder })
+        Some(Display { manager: None, server, _machine: machine, environment, folder })
     }
 
     /// One of Wayland, that shows its screen to nobody.
     pub(crate) fn wayland() -> Option<Display> {
+        let guard = MACHINE.read().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
         let mut weston = Command::new("weston");
         weston.args(["--backend=headless-backend.so", "--socket=wayland-test", "--idle-time=0"]);
@@ -64,7 +99,8 @@ impl Display {
         }
         let environment =
             vec![("WAYLAND_DISPLAY", "wayland-test".into()), ("XDG_RUNTIME_DIR", folder.path().into())];
-        Some(Display { server, environment, folder })
+        let machine = Machine::Shared { _guard: guard };
+        Some(Display { manager: None, server, _machine: machine, environment, folder })
     }
 
     /// What its screen shows: `0x00RRGGBB`, by column and row. The file is an X window dump: a header of words with
@@ -154,6 +190,22 @@ impl Viewer {
         let line = self.line();
         let samples = line.strip_prefix(word).unwrap_or_else(|| panic!("`{line}` is not {word}"));
         samples.trim().parse().expect("a number of samples")
+    }
+
+    /// Seconds of all processors that it has used.
+    pub(crate) fn processor_time(&self) -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.program.id())).expect("it runs");
+        // After the program's name in parentheses; those in user mode and in the kernel's, in hundredths on Linux.
+        let fields = stat.rsplit(')').next().expect("fields").split_whitespace();
+        let ticks = fields.skip(11).take(2).map(|ticks| ticks.parse::<f64>().expect("a number"));
+        ticks.sum::<f64>() / 100.0
+    }
+
+    /// The share of a processor that it uses for some time.
+    pub(crate) fn load(&self, time: Duration) -> f64 {
+        let before = self.processor_time();
+        std::thread::sleep(time);
+        (self.processor_time() - before) / time.as_secs_f64()
     }
 
     /// Bytes of memory that it holds.

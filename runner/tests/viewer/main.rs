@@ -7,10 +7,13 @@ use harness::{Display, Viewer, emboss};
 use image::RgbaImage;
 use std::io::{BufReader, Write};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A quick scene that fills its background, so that a picture is what a screen shows.
 const QUICK: [&str; 8] = ["builtin:cube", "-", "-", "-", "-", "4", "--seed=1", "--background=0.25,0.5,1"];
+
+/// Has software show pictures as hardware does.
+const BY_SWAPCHAIN: &str = "--by-swapchain";
 
 /// What the command line in a PNG renders, and the PNG.
 fn rendered_again(folder: &Path, name: &str) -> (RgbaImage, RgbaImage) {
@@ -57,7 +60,7 @@ fn assert_screen_is_what_render_renders(backend: &[&str]) {
     }
     let first = emboss(place.path())
         .args(["render"])
-        .args(&arguments)
+        .args(arguments.iter().filter(|argument| **argument != BY_SWAPCHAIN))
         .args(["--output=first.png"])
         .output()
         .expect("the program starts");
@@ -113,29 +116,60 @@ fn memory_is_stable() {
     assert_memory_is_stable(&["--backend=cpu"]);
 }
 
-/// While passes take longer than all that, the window is redrawn 30 times, and answers: what it does at a time takes no
-/// more than 50 ms, but for a share of the pictures. On a machine that is busy with other tests the scheduler gives a
-/// thread its turn later than that at times.
-fn assert_answers(arguments: &[&str], most_late: f64) -> u32 {
-    let Some(display) = Display::start() else { return 0 };
-    let script = "hold right\nframes 30\nrelease right\nkey equal\nframes 2\nsay SEEN\nanswers PROMPT\nquit";
+/// How long something took: at most, in milliseconds, how often longer than 50, and how often at all.
+struct Delays {
+    longest_ms: f64,
+    late: f64,
+    count: f64,
+}
+
+impl Delays {
+    /// Of those that are late the scheduler made 1 in 20: on two processors with a busy thread each, one that is woken
+    /// waits for one or two of the scheduler's slices of a few milliseconds, and longer where the machine itself is
+    /// held up. Four times the 50 ms are no slices any more.
+    fn assert_prompt(&self, what: &str) {
+        let Delays { longest_ms, late, count } = self;
+        assert!(*late <= 0.05 * count && *longest_ms <= 200.0, "{what}: {longest_ms} ms, {late} of {count}");
+    }
+}
+
+/// While passes take longer than all that, the window is redrawn 60 times, is turned, and its scale changes. Returns
+/// how long it takes from an event until the next can be heard, and from when there is something to show until it is
+/// shown, and how many samples were seen by then.
+fn delays(arguments: &[&str]) -> Option<(Delays, Delays, u32)> {
+    let display = Display::alone()?;
+    let script = "hold right\nframes 30\nrelease right\nkey equal\nframes 30\nsay SEEN\nanswers PROMPT\nquit";
     let mut viewer = Viewer::start(&display, arguments, script);
     let samples = viewer.hears("SEEN");
     let line = viewer.line();
-    let words: Vec<_> = line.split(' ').collect();
-    let [_, longest_ms, late, shown] = words[..] else { panic!("{line}") };
-    let _ = writeln!(std::io::stderr(), "{arguments:?}: {longest_ms} ms at most, {late} of {shown} late");
-    let count = |word: &str| word.parse::<f64>().expect("a number");
-    assert!(count(shown) >= 32.0 && count(late) <= most_late * count(shown), "{line}");
+    let _ = writeln!(std::io::stderr(), "{arguments:?}: {line}");
     viewer.ends_well();
-    samples
+    let numbers: Vec<f64> = line.split([' ', ';']).filter_map(|word| word.parse().ok()).collect();
+    let [longest_ms, late, count, longest_shown_ms, late_shown, shown] = numbers[..] else {
+        panic!("{line}")
+    };
+    // The first one is not counted.
+    assert!(shown >= 59.0, "{line}");
+    let answers = Delays { longest_ms, late, count };
+    Some((answers, Delays { longest_ms: longest_shown_ms, late: late_shown, count: shown }, samples))
+}
+
+/// A pass over all pixels takes seconds.
+const SLOW: [&str; 7] = ["builtin:cube", "-", "-", "-", "-", "128", "--method=brute-force"];
+
+/// What the user does is heard within 50 ms, and shown.
+fn assert_answers(backend: &[&str]) {
+    let Some((answers, showings, samples)) = delays(&[&SLOW, backend, &["--size=640x480"]].concat()) else {
+        return;
+    };
+    assert_eq!(samples, 0, "no pass over all pixels is done by then");
+    answers.assert_prompt("answers");
+    showings.assert_prompt("pictures");
 }
 
 #[test]
 fn window_answers_while_a_pass_takes_long() {
-    let scene =
-        ["builtin:cube", "-", "-", "-", "-", "64", "--method=brute-force", "--size=320x240", "--backend=cpu"];
-    assert_eq!(assert_answers(&scene, 0.1), 0, "no pass over all pixels is done by then");
+    assert_answers(&["--backend=cpu"]);
 }
 
 /// From the start of the program to a picture of the built-in scene, against a program that renders as large a picture:
@@ -319,6 +353,79 @@ fn files_are_read_again_when_they_change() {
     assert!(rendered == second && first != second);
 }
 
+/// A map that the model names comes later, and is painted over: what is seen is what is rendered from the files.
+#[test]
+fn relief_is_seen_when_its_map_comes_and_when_it_changes() {
+    let Some(display) = Display::start() else { return };
+    let place = tempfile::tempdir().expect("a folder");
+    let model =
+        "mtllib model.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    std::fs::write(place.path().join("model.obj"), model).expect("writable");
+    std::fs::write(place.path().join("model.mtl"), "newmtl m\ndisp relief.png\n").expect("writable");
+    let step = "message read again\nsamples 1\nkey p\nmessage wrote\n";
+    let script = format!("samples 1\nkey p\nmessage wrote\nsay FIRST\n{step}say SECOND\n{step}quit");
+    let arguments = ["model.obj", "--backend=cpu", "--size=32x24", "--samples=1"];
+    let mut viewer = Viewer::start_in(place, &display, &arguments, &script);
+    for (word, width) in [("FIRST", 8), ("SECOND", 3)] {
+        viewer.hears(word);
+        let texel = |x, y| image::Luma([if (x / width + y / width) % 2 == 0 { 255_u8 } else { 40 }]);
+        image::GrayImage::from_fn(24, 24, texel).save(viewer.path("relief.png")).expect("writable");
+    }
+    let (ended, place) = viewer.end();
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    assert!(ended.stderr.contains("it is not there"), "{}", ended.stderr);
+    let seen = |name: &str| image::open(place.path().join(name)).expect("a PNG").to_rgba8();
+    assert!(seen("a.png") != seen("a-1.png"), "the map has come");
+    assert!(seen("a-1.png") != seen("a-2.png"), "it was painted over");
+    let (rendered, last) = rendered_again(place.path(), "a-2.png");
+    assert!(rendered == last);
+}
+
+/// Nobody sees a minimised window: nothing is rendered, no processor is busy, and when it is back the picture goes on
+/// from where it was.
+fn assert_waits_while_minimised(backend: &[&str], samples: u32) {
+    let Some(display) = Display::managed() else { return };
+    let script = format!(
+        "key tab\nsamples 2\nsay READY\nsamples {samples}\nkey p\nmessage wrote\nsamples {samples}\nframes 1\n\
+         say SAVED\nmessage never"
+    );
+    let samples_option = format!("--samples={samples}");
+    let arguments = [&QUICK[..], backend, &["--size=200x150", &samples_option]].concat();
+    // The pointer would be seen too.
+    display.xdotool(&["mousemove", "0", "0"]);
+    let mut viewer = Viewer::start(&display, &arguments, &script);
+    viewer.hears("READY");
+    let window = display.xdotool(&["search", "--name", "emboss"]);
+    display.xdotool(&["windowminimize", &window]);
+    let start = Instant::now();
+    // A script that waits looks 200 times a second whether it still has to.
+    while viewer.load(Duration::from_millis(300)) > 0.15 {
+        assert!(start.elapsed() < Duration::from_secs(20), "it goes on rendering");
+    }
+    let load = viewer.load(Duration::from_secs(1));
+    assert!(load < 0.15, "{load} of a processor");
+    let before = viewer.processor_time();
+    display.xdotool(&["windowactivate", &window]);
+    assert_eq!(viewer.hears("SAVED"), samples);
+    let rendering = viewer.processor_time() - before;
+    assert!(rendering > 0.3, "it had not rendered all before: {rendering} s");
+    let screen = display.screen();
+    viewer.focus(&display);
+    display.xdotool(&["key", "Escape"]);
+    let place = viewer.ends_well();
+    let (rendered, saved) = rendered_again(place.path(), "a.png");
+    assert!(rendered == saved);
+    // Within the frame that the manager gives it, wherever that is.
+    let mut places = (0..440).flat_map(|x| (0..330).map(move |y| (x, y)));
+    let is_shown = places.any(|(left, top)| shows(&|x, y| screen(left + x, top + y), &saved));
+    assert!(is_shown, "the screen shows what was saved");
+}
+
+#[test]
+fn minimised_window_waits() {
+    assert_waits_while_minimised(&["--backend=cpu"], 80);
+}
+
 #[test]
 fn no_display_points_to_render() {
     let place = tempfile::tempdir().expect("a folder");
@@ -346,6 +453,8 @@ mod vulkan {
     use super::*;
 
     const LAVAPIPE: [&str; 3] = ["--backend=vulkan", "--device=llvmpipe", "--validate"];
+    /// As on hardware.
+    const SWAPCHAIN: [&str; 4] = [LAVAPIPE[0], LAVAPIPE[1], LAVAPIPE[2], BY_SWAPCHAIN];
 
     #[test]
     fn screen_shows_what_render_renders() {
@@ -353,32 +462,48 @@ mod vulkan {
     }
 
     #[test]
+    fn swapchain_shows_what_render_renders() {
+        assert_screen_is_what_render_renders(&SWAPCHAIN);
+    }
+
+    #[test]
     fn window_takes_any_size() {
-        assert_resizes(&LAVAPIPE);
+        assert_resizes(&SWAPCHAIN);
     }
 
     /// 1,100 frames under the validation layers, which are silent.
     #[test]
     fn memory_is_stable() {
-        assert_memory_is_stable(&LAVAPIPE);
+        assert_memory_is_stable(&SWAPCHAIN);
     }
 
-    /// To present here is to wait until the renderer's submission has ended, which aims at 20 ms and not always meets
-    /// it; those that follow another scale are not cut.
     #[test]
     fn window_answers_while_a_pass_takes_long() {
-        let scene = ["builtin:cube", "-", "-", "-", "-", "64", "--size=640x480"];
-        assert_answers(&[&scene[..], &LAVAPIPE].concat(), 0.3);
+        assert_answers(&LAVAPIPE);
+    }
+
+    /// To present to a swapchain of lavapipe is to wait until the submission under way has ended, which is what it is
+    /// where an item takes long. What the user does is heard all the same.
+    #[test]
+    fn window_answers_while_a_picture_waits_for_the_device() {
+        if let Some((answers, ..)) = delays(&[&SLOW[..], &SWAPCHAIN, &["--size=640x480"]].concat()) {
+            answers.assert_prompt("answers");
+        }
+    }
+
+    #[test]
+    fn minimised_window_waits() {
+        assert_waits_while_minimised(&SWAPCHAIN, 30);
     }
 
     #[test]
     fn window_hears_the_display() {
-        assert_hears(&LAVAPIPE);
+        assert_hears(&SWAPCHAIN);
     }
 
     #[test]
     fn window_opens_on_wayland() {
-        assert_shows_on_wayland(&LAVAPIPE);
+        assert_shows_on_wayland(&SWAPCHAIN);
     }
 
     #[test]

@@ -135,9 +135,9 @@ impl Commands {
         unsafe { self.device.raw().reset_fences(&fences) }.map_err(|e| self.device.error(what, e))?;
         let buffers = [self.buffer];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
-        let queue = self.device.queue();
+        let (queue, _turn) = self.device.queue();
         // SAFETY: the buffer is recorded and not pending; `wait` follows before anything it uses is dropped.
-        unsafe { self.device.raw().queue_submit(*queue, &submits, fences[0]) }
+        unsafe { self.device.raw().queue_submit(queue, &submits, fences[0]) }
             .map_err(|e| self.device.error(what, e))
     }
 

@@ -2,6 +2,7 @@
 
 use super::instance::Instance;
 use super::physical::{Limits, PhysicalDevice};
+use super::turns::{Turn, Turns};
 use crate::backend::{BackendError, DeviceInfo};
 use ash::vk;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -14,8 +15,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub(super) struct Device {
     allocator: Mutex<Allocator>,
     handle: DeviceHandle,
-    /// Locked while something is submitted: the thread that renders and the one that shows pictures share it.
-    queue: Mutex<vk::Queue>,
+    queue: vk::Queue,
+    /// Of what is submitted: the thread that renders and the one that shows pictures share the queue.
+    turns: Turns,
     physical: PhysicalDevice,
 }
 
@@ -52,8 +54,8 @@ impl Device {
             bytes: 0,
             reason: error.to_string(),
         })?;
-        let queue = Mutex::new(queue);
-        Ok(Arc::new(Device { allocator: Mutex::new(allocator), handle, queue, physical }))
+        let turns = Turns::default();
+        Ok(Arc::new(Device { allocator: Mutex::new(allocator), handle, queue, turns, physical }))
     }
 
     pub(super) fn raw(&self) -> &ash::Device {
@@ -64,14 +66,15 @@ impl Device {
         &self.handle.instance
     }
 
-    /// The queue, which no one else submits to until the guard is dropped.
-    pub(super) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The queue, which no one else submits to until the turn is dropped.
+    pub(super) fn queue(&self) -> (vk::Queue, Turn<'_>) {
+        let turn = self.turns.take();
+        (self.queue, turn)
     }
 
     /// Waits until nothing runs on the device.
     pub(super) fn wait_idle(&self) -> ash::prelude::VkResult<()> {
-        let _queue = self.queue();
+        let (_queue, _turn) = self.queue();
         // SAFETY: the device lives, and no one submits to its queue meanwhile.
         unsafe { self.handle.raw.device_wait_idle() }
     }

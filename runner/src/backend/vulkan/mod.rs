@@ -10,7 +10,7 @@
 //!
 //! Everything that a backend does runs on one queue, one submission at a time, and each is waited for. Hence between
 //! two submissions buffers can be dropped and descriptors written, and a program that ends leaves nothing running. A
-//! swapchain submits to the same queue, whose lock it takes, and shares no resource with the backend.
+//! swapchain submits to the same queue, in turns with the backend, and shares no resource with the backend.
 #![expect(
     unsafe_code,
     reason = "Vulkan's calls are unsafe; each stands in a block of its own with the rule it keeps"
@@ -34,6 +34,7 @@ mod surface;
 mod swapchain;
 mod tiles;
 mod transfers;
+mod turns;
 mod validation;
 
 pub use surface::Window;
@@ -143,14 +144,21 @@ impl VulkanBackend {
         let instance = Arc::new(Instance::new(validate, &[])?);
         let found = physical::enumerate(&instance, None)?;
         let device = Device::new(instance, physical::select(found, selection, false)?)?;
-        Self::on(OpenDevice(device))
+        Self::empty_on(OpenDevice(device))
     }
 
-    /// A backend on a device that is open already, for a window: see [`Swapchain::open`].
+    /// A backend on a device that is open already, for a window: see [`Swapchain::open`]. What builds BVHs is compiled
+    /// at once, since the scene is still being read.
     ///
     /// # Errors
     /// An error of the driver.
-    pub fn on(OpenDevice(device): OpenDevice) -> Result<Self, BackendError> {
+    pub fn on(device: OpenDevice) -> Result<Self, BackendError> {
+        let mut backend = Self::empty_on(device)?;
+        backend.builder()?;
+        Ok(backend)
+    }
+
+    fn empty_on(OpenDevice(device): OpenDevice) -> Result<Self, BackendError> {
         let commands = Commands::new(&device)?;
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;

@@ -14,9 +14,14 @@
 
 /// What a submission's work should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
-/// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute force, they
-/// are the target.
+/// The same where a window waits for submissions. Each picture that it shows waits for at most two, that which is under way
+/// and the one whose turn is next: these are done within 50 ms where they take two and a half times as long as expected.
+const TARGET_MS_OF_WINDOW: f64 = 10.0;
+/// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute force,
+/// they are the target.
 const FIRST_ITEMS: f64 = 1024.0;
+/// The same where a window waits: at 100 µs each, what lavapipe takes on two cores for pixels full of relief, they are 25 ms.
+const FIRST_ITEMS_OF_WINDOW: f64 = 256.0;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
 /// Largest growth from one submission to the next.
@@ -36,6 +41,8 @@ const CAUTION: f64 = 4.0;
 pub(super) struct Pacer {
     /// What its submissions' work should take, in milliseconds.
     target_ms: f64,
+    /// Items of the first submission.
+    first_items: f64,
     /// How many items make the target, as far as is known.
     items: f64,
     /// What the last submission takes however few its items are, as far as is known.
@@ -56,9 +63,28 @@ struct Submission {
 }
 
 impl Pacer {
-    /// A pacer that knows nothing.
-    pub(super) fn new() -> Self {
-        Pacer { target_ms: TARGET_MS, items: FIRST_ITEMS, tail_ms: 0.0, is_told: false, last: None, left: 0 }
+    /// A pacer that knows nothing. `is_for_window`: whether a window waits for submissions.
+    pub(super) fn new(is_for_window: bool) -> Self {
+        let (target_ms, first_items) = if is_for_window {
+            (TARGET_MS_OF_WINDOW, FIRST_ITEMS_OF_WINDOW)
+        } else {
+            (TARGET_MS, FIRST_ITEMS)
+        };
+        Pacer {
+            target_ms,
+            first_items,
+            items: first_items,
+            tail_ms: 0.0,
+            is_told: false,
+            last: None,
+            left: 0,
+        }
+    }
+
+    /// The same, knowing nothing.
+    pub(super) fn forgotten(&self) -> Self {
+        let nothing = Pacer { items: self.first_items, tail_ms: 0.0, is_told: false, last: None, ..*self };
+        Pacer { left: 0, ..nothing }
     }
 
     /// Begins a pass over `total` items.
@@ -68,7 +94,7 @@ impl Pacer {
 
     /// Takes note that items may be dearer than they were: what is seen has changed.
     pub(super) fn beware(&mut self) {
-        self.items = (self.items / CAUTION).max(FIRST_ITEMS.min(self.items));
+        self.items = (self.items / CAUTION).max(self.first_items.min(self.items));
         self.last = None;
     }
 

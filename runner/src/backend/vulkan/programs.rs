@@ -50,7 +50,7 @@ impl Programs {
         self.features = features;
         self.made.retain(|program| program.kernel.is_alike(program.features, features));
         for program in &mut self.made {
-            program.pacer = Pacer::new();
+            program.pacer = program.pacer.forgotten();
         }
     }
 
@@ -79,8 +79,9 @@ impl Programs {
                 let features = self.features;
                 let start = Instant::now();
                 let pipeline = Pipeline::new(device, kernel, features)?;
+                let pacer = Pacer::new(device.physical().presents);
                 self.compile_time += start.elapsed();
-                self.made.push(Program { pipeline, kernel, features, pacer: Pacer::new() });
+                self.made.push(Program { pipeline, kernel, features, pacer });
                 self.made.len() - 1
             }
         };

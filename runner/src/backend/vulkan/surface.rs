@@ -9,9 +9,9 @@ use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
 use std::ffi::c_char;
 use std::sync::Arc;
 
-/// A window, with the connection to its display.
-pub trait Window: HasDisplayHandle + HasWindowHandle {}
-impl<W: HasDisplayHandle + HasWindowHandle> Window for W {}
+/// A window, with the connection to its display. The thread that shows pictures in it need not be the one that has it.
+pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
+impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
 /// Destroys the surface when dropped.
 pub(super) struct Surface {

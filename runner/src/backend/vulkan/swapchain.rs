@@ -10,8 +10,8 @@ use crate::backend::BackendError;
 use ash::vk;
 use std::sync::Arc;
 
-/// How long an image of the swapchain is waited for. The window answers to nothing meanwhile; a picture that finds none
-/// is shown at the next chance.
+/// How long an image of the swapchain is waited for. A picture that finds none is shown at the next chance, unless a
+/// newer one has come.
 const PATIENCE_NS: u64 = 5_000_000;
 /// How often the surface may be lost before a picture is shown.
 const MOST_LOSSES: u32 = 10;
@@ -25,7 +25,8 @@ pub enum Shown {
     NotYet,
 }
 
-/// Shows pictures in a window. Used by one thread, beside the one that renders on the same device.
+/// Shows pictures in a window. Used by one thread, beside the one that renders on the same device. All that it does may
+/// wait for the device: it is not for the thread that hears the user.
 pub struct Swapchain {
     /// `None` while the window has no area, and before the first picture. Dropped before the surface.
     chain: Option<Chain>,
@@ -171,15 +172,19 @@ impl Swapchain {
     }
 
     fn try_show(&mut self, texels: &[u32]) -> Result<Shown, BackendError> {
-        // Behind a long submission of the renderer the last copy may have to wait: the window does not.
+        // Behind a long submission of the renderer the last copy may have to wait.
         if !self.is_copy_done(PATIENCE_NS)? {
             return Ok(Shown::NotYet);
         }
         let Some(index) = self.acquire()? else { return Ok(Shown::NotYet) };
         self.stage(texels)?;
         self.record(index)?;
-        self.submit(index)?;
-        self.present(index)
+        let device = Arc::clone(&self.device);
+        // Both in one turn: a driver that presents by the host waits until all that was submitted is done, and would
+        // wait for the renderer's next submission too.
+        let (queue, _turn) = device.queue();
+        self.submit(queue, index)?;
+        self.present(queue, index)
     }
 
     /// The surface is of no more use: the next [`size`](Self::size) makes another.
@@ -376,7 +381,7 @@ impl Swapchain {
         unsafe { device.cmd_pipeline_barrier(self.commands, before, after, flags, &[], &[], &barrier) };
     }
 
-    fn submit(&self, index: u32) -> Result<(), BackendError> {
+    fn submit(&self, queue: vk::Queue, index: u32) -> Result<(), BackendError> {
         let Some(chain) = &self.chain else { return Ok(()) };
         let failed = |source| self.device.error("showing a picture", source);
         let fences = [self.copied.raw()];
@@ -389,18 +394,17 @@ impl Swapchain {
             .wait_dst_stage_mask(&[vk::PipelineStageFlags::TRANSFER])
             .command_buffers(&buffers)
             .signal_semaphores(&drawn)];
-        let queue = self.device.queue();
         // SAFETY: the buffer is recorded and not pending, and what it uses lives until the fence is signalled.
-        unsafe { self.device.raw().queue_submit(*queue, &submits, fences[0]) }.map_err(failed)
+        unsafe { self.device.raw().queue_submit(queue, &submits, fences[0]) }.map_err(failed)
     }
 
-    fn present(&mut self, index: u32) -> Result<Shown, BackendError> {
+    fn present(&mut self, queue: vk::Queue, index: u32) -> Result<Shown, BackendError> {
         let Some(chain) = &self.chain else { return Ok(Shown::NotYet) };
         let (drawn, chains, indices) = ([chain.drawn[index as usize].raw()], [chain.raw], [index]);
         let info =
             vk::PresentInfoKHR::default().wait_semaphores(&drawn).swapchains(&chains).image_indices(&indices);
         // SAFETY: the image is acquired and in the layout to be presented; no one else uses the queue.
-        let presented = unsafe { self.functions.queue_present(*self.device.queue(), &info) };
+        let presented = unsafe { self.functions.queue_present(queue, &info) };
         let (shown, is_stale) =
             after_present(presented).map_err(|source| self.device.error("presenting a picture", source))?;
         self.is_stale |= is_stale;

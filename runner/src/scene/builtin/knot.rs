@@ -1,7 +1,7 @@
 //! `builtin:knot`: a trefoil knot grown over with pebbles, the scene that shows what the program is for.
 
 use super::{BuiltinScene, light};
-use crate::scene::noise::{Cell, Lattice, lerp, mix, smoothstep, unit};
+use crate::scene::noise::{Cell, Lattice, Table, fractal_of, lerp, mix, smoothstep, unit};
 use crate::scene::{ColorMap, HeightMap, Mesh, image::per_texel};
 use emboss_kernels::interface::Vertex;
 use glam::{DQuat, DVec3, Vec2, Vec3};
@@ -27,7 +27,8 @@ const CELLS: Vec2 = Vec2::new(9.0, 1.0);
 
 /// A trefoil knot of about 2,500 triangles whose maps run once along the tube and once around it.
 pub(super) fn scene() -> BuiltinScene {
-    let texels = per_texel(MAP_WIDTH, MAP_HEIGHT, |u, v| texel(Vec2::new(u, v)));
+    let patterns = Patterns::new();
+    let texels = per_texel(MAP_WIDTH, MAP_HEIGHT, |u, v| patterns.texel(Vec2::new(u, v)));
     BuiltinScene {
         mesh: mesh(),
         height: HeightMap::from_unit(MAP_WIDTH, MAP_HEIGHT, texels.iter().map(|t| t.0)),
@@ -148,28 +149,61 @@ fn equidistant_parameters() -> Vec<f64> {
     (0..SECTIONS).map(|i| parameter_at(total * f64::from(i) / f64::from(SECTIONS))).collect()
 }
 
-/// The pattern at a point of the map with `scale` cells around the tube.
-fn at_scale(uv: Vec2, scale: i32, seed: u32) -> (Lattice, Vec2) {
-    let lattice = Lattice::new(9 * scale, scale, seed);
-    (lattice, uv * CELLS * scale as f32)
+/// A pattern with a number of cells around the tube.
+#[derive(Clone, Debug)]
+struct Pattern<T> {
+    scale: i32,
+    table: T,
 }
 
-/// Fractal noise with `scale` features around the tube.
-fn fractal(uv: Vec2, scale: i32, octaves: u32, seed: u32) -> f32 {
-    let (lattice, p) = at_scale(uv, scale, seed);
-    lattice.fractal(p, octaves)
+impl<T> Pattern<T> {
+    fn new(scale: i32, seed: u32, table: impl Fn(Lattice) -> T) -> Self {
+        Pattern { scale, table: table(Lattice::new(9 * scale, scale, seed)) }
+    }
+
+    /// Where a point of the map lies in it.
+    fn at(&self, uv: Vec2) -> Vec2 {
+        uv * CELLS * self.scale as f32
+    }
 }
 
-/// Height and linear colour at a point of the map: large pebbles, small ones in the gaps between them.
-fn texel(uv: Vec2) -> (f32, Vec3) {
-    let rough = fractal(uv, 20, 4, 5);
-    let large = pebble(uv, 7, 1, 0.05);
-    let gap = 1.0 - smoothstep(0.0, 0.3, large.dome);
-    // The small ones cost as much as the large ones and are seen in the gaps alone.
-    let small = if gap > 0.0 { pebble(uv, 24, 2, 0.02) } else { Pebble::default() };
-    let bed = 0.04 + gap * 0.3 * small.dome * small.size;
-    let height = (0.9 * large.dome * large.size).max(bed) + 0.05 * rough * (0.4 + 0.6 * large.dome);
-    ((height + 0.02).clamp(0.0, 1.0), color(uv, &large, &small, gap, rough))
+/// What the maps are made of.
+struct Patterns {
+    /// Small unevenness.
+    rough: Pattern<Vec<Table<Vec2>>>,
+    large: Pattern<Table<Vec2>>,
+    /// Those in the gaps between the large ones.
+    small: Pattern<Table<Vec2>>,
+    /// Of the colours along the tube.
+    drift: Pattern<Vec<Table<Vec2>>>,
+}
+
+impl Patterns {
+    fn new() -> Self {
+        Patterns {
+            rough: Pattern::new(20, 5, |lattice| lattice.fractal_table(4)),
+            large: Pattern::new(7, 1, Lattice::cellular_table),
+            small: Pattern::new(24, 2, Lattice::cellular_table),
+            drift: Pattern::new(1, 31, |lattice| lattice.fractal_table(3)),
+        }
+    }
+
+    /// Height and linear colour at a point of the map: large pebbles, small ones in the gaps between them.
+    fn texel(&self, uv: Vec2) -> (f32, Vec3) {
+        let rough = fractal(&self.rough, uv);
+        let large = pebble(&self.large, uv, 0.05);
+        let gap = 1.0 - smoothstep(0.0, 0.3, large.dome);
+        // The small ones cost as much as the large ones and are seen in the gaps alone.
+        let small = if gap > 0.0 { pebble(&self.small, uv, 0.02) } else { Pebble::default() };
+        let bed = 0.04 + gap * 0.3 * small.dome * small.size;
+        let height = (0.9 * large.dome * large.size).max(bed) + 0.05 * rough * (0.4 + 0.6 * large.dome);
+        let drift = 0.46 + 1.0 * fractal(&self.drift, uv) + 0.4 * (large.tone - 0.5);
+        ((height + 0.02).clamp(0.0, 1.0), color(drift, &large, &small, gap, rough))
+    }
+}
+
+fn fractal(pattern: &Pattern<Vec<Table<Vec2>>>, uv: Vec2) -> f32 {
+    fractal_of(&pattern.table, pattern.at(uv))
 }
 
 /// A pebble of a cellular pattern.
@@ -183,11 +217,9 @@ struct Pebble {
     tone: f32,
 }
 
-/// The pebble at a point, `scale` of them around the tube and half a `gap` away from the cell's border. Distances
-/// are in cells.
-fn pebble(uv: Vec2, scale: i32, seed: u32, gap: f32) -> Pebble {
-    let (lattice, p) = at_scale(uv, scale, seed);
-    let Cell { border, id } = lattice.cellular(p);
+/// The pebble at a point, half a `gap` away from the cell's border. Distances are in cells.
+fn pebble(pattern: &Pattern<Table<Vec2>>, uv: Vec2, gap: f32) -> Pebble {
+    let Cell { border, id } = pattern.table.cellular(pattern.at(uv));
     let rise = ((border - gap) / 0.26).clamp(0.0, 1.0);
     Pebble {
         dome: (1.0 - (1.0 - rise).powi(2)).sqrt(),
@@ -198,8 +230,7 @@ fn pebble(uv: Vec2, scale: i32, seed: u32, gap: f32) -> Pebble {
 
 /// The linear colour: teal, jade, sand and coral drift along the tube, each pebble in its own tone, the crests
 /// worn lighter and the gaps dark with their own small rust-coloured pebbles.
-fn color(uv: Vec2, large: &Pebble, small: &Pebble, gap: f32, rough: f32) -> Vec3 {
-    let drift = 0.46 + 1.0 * fractal(uv, 1, 3, 31) + 0.4 * (large.tone - 0.5);
+fn color(drift: f32, large: &Pebble, small: &Pebble, gap: f32, rough: f32) -> Vec3 {
     let stone = palette(drift.clamp(0.0, 1.0)) * (0.8 + 0.4 * large.tone);
     let crest = smoothstep(0.3, 1.0, large.dome);
     let stone = stone * lerp(0.45, 1.2, crest) + Vec3::splat(0.035) * crest * crest;

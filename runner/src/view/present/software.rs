@@ -1,8 +1,7 @@
 //! By the window's system, without Vulkan.
 
 use super::super::canvas::Canvas;
-use super::{PresentError, Presenter};
-use crate::backend::vulkan::Shown;
+use super::{PresentError, Presenter, Progress};
 use softbuffer::{Context, SoftBufferError, Surface};
 use std::num::NonZeroU32;
 use std::sync::Arc;
@@ -20,10 +19,10 @@ impl Software {
         Ok(Software { surface: surface(&window)?, size: None, window })
     }
 
-    fn try_show(&mut self, canvas: &Canvas) -> Result<Shown, SoftBufferError> {
+    fn try_show(&mut self, canvas: &Canvas) -> Result<Progress, SoftBufferError> {
         let (Some(width), Some(height)) = (NonZeroU32::new(canvas.width), NonZeroU32::new(canvas.height))
         else {
-            return Ok(Shown::NotYet);
+            return Ok(Progress::NotYet);
         };
         if self.size != Some((canvas.width, canvas.height)) {
             self.surface.resize(width, height)?;
@@ -32,7 +31,7 @@ impl Software {
         let mut buffer = self.surface.buffer_mut()?;
         buffer.copy_from_slice(&canvas.texels);
         buffer.present()?;
-        Ok(Shown::Yes)
+        Ok(Progress::Shown)
     }
 }
 
@@ -46,9 +45,13 @@ impl Presenter for Software {
         Ok((size.width > 0 && size.height > 0).then_some((size.width, size.height)))
     }
 
-    fn show(&mut self, canvas: &Canvas) -> Result<Shown, PresentError> {
+    fn show(&mut self, canvas: Canvas) -> Result<Progress, PresentError> {
         self.window.pre_present_notify();
-        self.try_show(canvas).map_err(|error| PresentError::Window(error.to_string()))
+        self.try_show(&canvas).map_err(|error| PresentError::Window(error.to_string()))
+    }
+
+    fn outcome(&mut self) -> Result<Option<Progress>, PresentError> {
+        Ok(None)
     }
 
     fn renew(&mut self) -> Result<(), PresentError> {

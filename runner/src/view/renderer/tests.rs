@@ -23,6 +23,10 @@ enum Fault {
     Heights,
     /// Loading a scene of this N, for want of memory.
     LargeN(u32),
+    /// Other heights, for want of memory.
+    MoreHeights,
+    /// Smooth shading, which the driver does not compile.
+    Smooth,
     /// A panic in the sample of this number.
     Panic(u32),
 }
@@ -34,6 +38,12 @@ struct Faulty {
 }
 
 impl Faulty {
+    fn refused_if(&self, is_refused: bool) -> Result<(), BackendError> {
+        let reason = "a fault".to_owned();
+        let refused = BackendError::Allocation { name: "what is new", bytes: 1, reason };
+        if is_refused { Err(refused) } else { Ok(()) }
+    }
+
     fn lost_if(&self, is_lost: bool) -> Result<(), BackendError> {
         let lost = BackendError::DeviceLost { device: "Card".to_owned(), what: "tracing" };
         if is_lost { Err(lost) } else { Ok(()) }
@@ -47,10 +57,7 @@ impl Backend for Faulty {
 
     fn load(&mut self, scene: &SceneBuffers, frame: &Frame, features: Features) -> Result<(), BackendError> {
         self.lost_if(self.fault == Fault::Load)?;
-        if self.fault == Fault::LargeN(frame.subdivisions) {
-            let reason = "a fault".to_owned();
-            return Err(BackendError::Allocation { name: "micro-triangles", bytes: 1, reason });
-        }
+        self.refused_if(self.fault == Fault::LargeN(frame.subdivisions))?;
         self.cpu.load(scene, frame, features)
     }
 
@@ -76,10 +83,16 @@ impl Backend for Faulty {
 
     fn set_displacements(&mut self, displacements: &[Displacement]) -> Result<(), BackendError> {
         self.lost_if(self.fault == Fault::Heights)?;
+        if self.fault == Fault::MoreHeights {
+            // As a device that loses the scene on the way.
+            self.cpu = CpuBackend::new();
+        }
+        self.refused_if(self.fault == Fault::MoreHeights)?;
         self.cpu.set_displacements(displacements)
     }
 
     fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
+        self.refused_if(self.fault == Fault::Smooth && features.smooth != 0)?;
         self.cpu.set_features(features)
     }
 
@@ -273,10 +286,11 @@ fn what_cannot_be_loaded_is_taken_back() {
     let refused =
         Tuning { subdivisions: Some(Subdivisions::Fixed(64)), shade: Some(Shade::Normal), ..before.clone() };
     thread.want(&refused, (16, 12));
-    assert_eq!(thread.kept(), [refused.clone(), before.clone()]);
+    let kept = before.with_colors_of(&refused);
+    assert_eq!(thread.kept(), [refused.clone(), kept.clone()]);
     thread.see();
     let mut tuning = refused.clone();
-    tuning.take_back(&refused, &before);
+    tuning.take_back(&refused, &kept);
     assert_eq!(tuning, Tuning { shade: Some(Shade::Normal), ..before });
     thread.want(&tuning, (16, 12));
     thread.see();
@@ -284,6 +298,29 @@ fn what_cannot_be_loaded_is_taken_back() {
         thread.reports.try_iter().all(|report| !matches!(report, Report::Kept(_))),
         "it is not tried again"
     );
+}
+
+/// So are a scale and a way to shade that the device refuses: the picture is again what it was, and the window shows
+/// the settings that it has.
+#[test]
+fn refused_settings_are_taken_back() {
+    let kept = Tuning { exaggeration: Some(1.5), shadows: Some(false), ..Tuning::default() };
+    let taller = Tuning { exaggeration: Some(2.0), ..kept.clone() };
+    let smooth = Tuning { smooth: Some(true), ..kept.clone() };
+    for (fault, refused) in [(Fault::MoreHeights, taller), (Fault::Smooth, smooth)] {
+        let mut thread = Thread::with(fault);
+        thread.want(&kept, (16, 12));
+        let before = thread.see();
+        thread.want(&refused, (16, 12));
+        let message =
+            thread.hear(|report| if let Report::Message(text) = report { Some(text) } else { None });
+        assert!(message.starts_with("the scene stays as it was: "), "{fault:?}: {message}");
+        let mut tuning = refused.clone();
+        let [refused, again] = thread.kept();
+        tuning.take_back(&refused, &again);
+        assert_eq!(tuning, kept, "{fault:?}");
+        assert!(thread.see().canvas.texels == before.canvas.texels, "{fault:?}");
+    }
 }
 
 /// Another size and another zero at once, with which the files cannot be read: the picture has the new size all the

@@ -59,7 +59,7 @@ impl<W: Fn(u32, u32) -> f64, T: Fn(u32, u32) -> f64> Device<W, T> {
 
 #[test]
 fn even_work_ends_in_submissions_of_the_target() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // 2^20 pixels of 0.2 µs: 210 ms, eleven submissions of 20 ms at the most.
     let device = even(|_, _| 2e-4);
     for pass in 0..6 {
@@ -70,8 +70,20 @@ fn even_work_ends_in_submissions_of_the_target() {
 }
 
 #[test]
+fn a_window_gets_submissions_of_half_the_length() {
+    let mut pacer = Pacer::new(true);
+    // What lavapipe takes on two cores: the first 256 take 26 ms.
+    let device = even(|_, _| 0.1);
+    for pass in 0..3 {
+        let went = device.pass(&mut pacer, 128, 128);
+        let most = if pass == 0 { 26.0 } else { 1.1 * TARGET_MS_OF_WINDOW };
+        assert!(went.longest_ms < most, "pass {pass}: {went:?}");
+    }
+}
+
+#[test]
 fn dear_work_is_cut_to_the_target_and_stays_so() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // A slow device: 20 µs a pixel, 3.9 s in all.
     let device = even(|_, _| 2e-2);
     for pass in 0..6 {
@@ -85,7 +97,7 @@ fn dear_work_is_cut_to_the_target_and_stays_so() {
 #[test]
 fn a_surface_of_a_thousand_times_the_backgrounds_cost_is_no_surprise() {
     // Less than a tenth of the film, at its lower edge: a sweep from the top would have grown long over the sky.
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let device = even(|_, y| if y < 700 { 1e-6 } else { 1e-3 });
     for pass in 0..4 {
         let went = device.pass(&mut pacer, 1024, 768);
@@ -96,7 +108,7 @@ fn a_surface_of_a_thousand_times_the_backgrounds_cost_is_no_surprise() {
 
 #[test]
 fn one_slow_ray_does_not_cut_the_picture_to_crumbs() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     // 480,000 pixels that take 4 ms together, and one of 30 ms.
     let device = Device {
         work_ms: |_, _| 4.0 / 480_000.0,
@@ -113,7 +125,7 @@ fn one_slow_ray_does_not_cut_the_picture_to_crumbs() {
 fn slow_rays_everywhere_run_side_by_side() {
     // Short tails, tails beyond the target, and such as exceed every limit.
     for slowest_ms in [4.0, 15.0, 30.0, 100.0] {
-        let mut pacer = Pacer::new();
+        let mut pacer = Pacer::new(false);
         let device = Device {
             work_ms: |_, _| 4.0 / 480_000.0,
             tail_ms: |x, y| if (x * 7 + y * 13) % 500 == 0 { slowest_ms } else { 0.0 },
@@ -129,7 +141,7 @@ fn slow_rays_everywhere_run_side_by_side() {
 #[test]
 fn work_is_told_from_tails_that_come_with_it() {
     // 30 ms of tail, and 120 ms of work: six submissions with the target of work each.
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let device = Device {
         work_ms: |_, _| 120.0 / 262_144.0,
         tail_ms: |x, y| if (x * 7 + y * 13) % 500 == 0 { 30.0 } else { 0.0 },
@@ -143,7 +155,7 @@ fn work_is_told_from_tails_that_come_with_it() {
 
 #[test]
 fn a_change_that_makes_all_dearer_costs_one_long_submission() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     for _ in 0..4 {
         even(|_, _| 1e-5).pass(&mut pacer, 1024, 1024);
     }
@@ -159,7 +171,7 @@ fn a_change_that_makes_all_dearer_costs_one_long_submission() {
 
 #[test]
 fn a_change_does_not_forget_tails() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     let device =
         Device { work_ms: |_, _| 1e-6, tail_ms: |x, y| if (x * 7 + y * 13) % 500 == 0 { 30.0 } else { 0.0 } };
     for _ in 0..3 {
@@ -174,7 +186,7 @@ fn a_change_does_not_forget_tails() {
 
 #[test]
 fn passes_of_any_size_are_covered() {
-    let mut pacer = Pacer::new();
+    let mut pacer = Pacer::new(false);
     for (total, ms) in
         [(0, 0.0), (1, 0.0), (63, 100.0), (u32::MAX, 0.0), (u32::MAX, 1e9), (1000, f64::MIN_POSITIVE)]
     {
