@@ -51,8 +51,8 @@ impl Aabb {
     ///
     /// Never misses a box that the exact ray touches: the far distance is enlarged by twice the error of a slab's
     /// distance (Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013, section 3; pbrt-v4, section 6.1.2), which is
-    /// gamma(3) in the paper and gamma(7) here, since Vulkan's division may be off by 2.5 ulp. A component of direction zero gives
-    /// 0 x infinity = NaN for an origin on a face, which the order of the comparisons below lets pass.
+    /// gamma(3) in the paper and gamma(7) here, since Vulkan's division may be off by 2.5 ulp. A component of direction
+    /// zero gives 0 x infinity = NaN for an origin on a face, which the order of the comparisons below lets pass.
     #[inline]
     pub fn entry_distance(&self, ray: &TraversalRay, t_max: f32) -> f32 {
         let (x0, x1) = slab(self.min.x, self.max.x, ray.origin.x, ray.inv_direction.x);

@@ -6,9 +6,9 @@ use glam::{Vec3, Vec4};
 
 /// Column and row of tile number `number` of a film of `columns` x `rows` tiles.
 ///
-/// As they lie, or `spread`: then the bits of the number, the lowest first, are those of column and row, the highest first. So
-/// any 2^k successive tiles are one of each of 2^k parts of the film, and what a part of the film takes says what all of it
-/// will. Numbers go up to the [`spread_tiles`], of which some lie beyond the film.
+/// As they lie, or `spread`: then the bits of the number, the lowest first, are those of column and row, the highest
+/// first. So any 2^k successive tiles are one of each of 2^k parts of the film, and what a part of the film takes says
+/// what all of it will. Numbers go up to the [`spread_tiles`], of which some lie beyond the film.
 #[inline]
 pub fn tile(number: u32, spread: bool, columns: u32, rows: u32) -> (u32, u32) {
     let (mut column, mut row) = (number % columns, number / columns);
@@ -36,8 +36,8 @@ pub fn spread_tiles(columns: u32, rows: u32) -> u32 {
     1 << (ceil_log2(columns) + ceil_log2(rows))
 }
 
-/// The pixel that invocation (`x`, `y`) of workgroup `group` of a dispatch over `tiles` is for, and whether there is one. The
-/// film must have pixels.
+/// The pixel that invocation (`x`, `y`) of workgroup `group` of a dispatch over `tiles` is for, and whether there is
+/// one. The film must have pixels.
 #[inline]
 pub fn pixel(frame: &Frame, tiles: &Tiles, group: u32, x: u32, y: u32) -> (u32, u32, bool) {
     let columns = frame.width.div_ceil(TILE_GROUP_SIZE);

@@ -15,8 +15,8 @@ pub struct Hit {
     pub b1: f32,
     /// Barycentric coordinate of its third vertex.
     pub b2: f32,
-    /// The [`Instance`](crate::interface::Instance) whose triangle it is; 0 where there are none, and while it is looked
-    /// for in an instance's mesh.
+    /// The [`Instance`](crate::interface::Instance) whose triangle it is; 0 where there are none, and while it is
+    /// looked for in an instance's mesh.
     pub instance: u32,
 }
 
@@ -31,7 +31,8 @@ impl Hit {
     }
 
     /// The nearer of two hits. Where both are equally far, the one of the lower instance, then of the
-    /// lower base triangle, then of the lower cell: so that the result does not depend on the order in which triangles were tested.
+    /// lower base triangle, then of the lower cell: so that the result does not depend on the order in which triangles
+    /// were tested.
     #[inline]
     pub fn nearer(self, other: Hit) -> Hit {
         let other_wins = other.t < self.t

@@ -1,11 +1,11 @@
 //! Instances: a mesh that stands in several places, each under a transform of its own, stored once.
 //!
 //! A ray is taken into the space of an instance's mesh, its *object space*, and traced there as in a scene of that mesh
-//! alone: all of the mesh's triangles meet the same ray, so that what holds of one mesh (no cracks, the nearest hit) holds
-//! of it in its place. What rounding adds is where the ray runs: see [`MARGIN`] and [`Instance::point_error`].
+//! alone: all of the mesh's triangles meet the same ray, so that what holds of one mesh (no cracks, the nearest hit)
+//! holds of it in its place. What rounding adds is where the ray runs: see [`MARGIN`] and [`Instance::point_error`].
 //!
-//! Below, W and O are the matrices of `world_from_object` and `object_from_world`, T and T' their translations, |M| a matrix
-//! of magnitudes, u the unit roundoff. The host gives O as the inverse of W, rounded once, and keeps to
+//! Below, W and O are the matrices of `world_from_object` and `object_from_world`, T and T' their translations, |M| a
+//! matrix of magnitudes, u the unit roundoff. The host gives O as the inverse of W, rounded once, and keeps to
 //! [`Instance::MOST_SHEAR`].
 
 use crate::hit::Hit;
@@ -25,8 +25,8 @@ use glam::Vec3;
 pub const MARGIN: f32 = gamma(160);
 
 impl Instance {
-    /// The greatest row sum of |W||O| that the host accepts. It is at most 3 where a mesh is scaled along its axes, then
-    /// turned and moved; transforms that shear a mesh to a sliver have more.
+    /// The greatest row sum of |W||O| that the host accepts. It is at most 3 where a mesh is scaled along its axes,
+    /// then turned and moved; transforms that shear a mesh to a sliver have more.
     pub const MOST_SHEAR: f64 = 4.0;
 
     /// A point of object space in the world, off by 4 u (|W||p| + |T|).

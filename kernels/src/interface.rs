@@ -93,14 +93,15 @@ pub mod binding {
     pub const TEXEL_SCALES: u32 = 39;
     /// `[Instance]`, read.
     pub const INSTANCES: u32 = 40;
-    /// `[u32]`: maps of normals or of offsets, see [`normal_texels`](crate::relief::normal_texels); none unless the method
-    /// reads them; read.
+    /// `[u32]`: maps of normals or of offsets, see [`normal_texels`](crate::relief::normal_texels); none unless the
+    /// method reads them; read.
     pub const NORMAL_TEXELS: u32 = 41;
-    /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate); none unless
-    /// that is the method. Written by `tessellate`, read by the rest.
+    /// `[f32]`: three for each micro-vertex of a tessellation, see [`tessellate`](crate::displacement::tessellate);
+    /// none unless that is the method. Written by `tessellate`, read by the rest.
     pub const MICRO_VERTICES: u32 = 42;
-    /// `[f32]`: a [distance map](crate::relief::distance_map) for each [`Displacement`](super::Displacement); none unless
-    /// [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read by the rest.
+    /// `[f32]`: a [distance map](crate::relief::distance_map) for each [`Displacement`](super::Displacement); none
+    /// unless [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read
+    /// by the rest.
     pub const DISTANCES: u32 = 43;
     /// How many bindings set 0 has.
     pub const COUNT: u32 = 44;
@@ -205,8 +206,8 @@ pub mod method {
         method == NONE || is_image_space(method)
     }
 
-    /// What the boxes of triangles hold for a method and a [`shade`](super::shade): 0 what is displaced (where nothing is to be,
-    /// the host's heights are 0), 1 the base triangles, 2 both.
+    /// What the boxes of triangles hold for a method and a [`shade`](super::shade): 0 what is displaced (where nothing
+    /// is to be, the host's heights are 0), 1 the base triangles, 2 both.
     #[inline]
     pub const fn boxes(method: u32, shade: u32) -> u32 {
         if shade == super::shade::ERROR && traces_base_mesh(method) {
@@ -274,8 +275,8 @@ pub mod shade {
     pub const CELL: u32 = 4;
     /// Triangles that the primary ray was tested against, from blue (few) to red (many).
     pub const STEPS: u32 = 5;
-    /// By how much the luminance of [`LIT`] differs from that of the exact method, from blue (not at all) over green (1/8 of
-    /// full light) to red (1/4 and more).
+    /// By how much the luminance of [`LIT`] differs from that of the exact method, from blue (not at all) over green
+    /// (1/8 of full light) to red (1/4 and more).
     pub const ERROR: u32 = 6;
 }
 
@@ -308,9 +309,9 @@ pub mod color_format {
 pub mod filter {
     /// Between the four texels around a point.
     pub const BILINEAR: u32 = 0;
-    /// Between the eight texels around a point on the two levels whose texels are next in size to a pixel there. Behind the
-    /// texels stand those of the other levels, each half as wide and high as the one before (rounded down, at least 1)
-    /// down to a single texel. Of height maps see [`TexelScale`](super::TexelScale).
+    /// Between the eight texels around a point on the two levels whose texels are next in size to a pixel there. Behind
+    /// the texels stand those of the other levels, each half as wide and high as the one before (rounded down, at least
+    /// 1) down to a single texel. Of height maps see [`TexelScale`](super::TexelScale).
     pub const TRILINEAR: u32 = 1;
 }
 
@@ -365,8 +366,8 @@ pub const MAX_SUBDIVISIONS: u32 = 4096;
 /// Largest number of edges from the BVH's root to a leaf: builders keep it, and the traversal stack has one entry
 /// for each.
 pub const MAX_BVH_DEPTH: u32 = 64;
-/// Largest number of primitives of a BVH, a block less than 2^25. So no dispatch over blocks of 1024 of them, or of nodes, has
-/// more than 65,535 workgroups, and a position fits in a word with a height.
+/// Largest number of primitives of a BVH, a block less than 2^25. So no dispatch over blocks of 1024 of them, or of
+/// nodes, has more than 65,535 workgroups, and a position fits in a word with a height.
 pub const MAX_PRIMITIVES: u32 = (1 << 25) - 1024;
 /// [`Hit::primitive`](crate::hit::Hit) and [`Intersection::primitive`] of a ray that hits nothing.
 pub const MISS: u32 = u32::MAX;
@@ -404,15 +405,16 @@ pub struct Tangent {
     pub sign: f32,
 }
 
-/// How large the texels of height maps are at a vertex, where these are filtered by their levels. Interpolated over base
-/// triangles, so that both triangles at an edge read the same level there.
+/// How large the texels of height maps are at a vertex, where these are filtered by their levels. Interpolated over
+/// base triangles, so that both triangles at an edge read the same level there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TexelScale {
-    /// Side of a texel on the base mesh, in model units: the largest of the triangles at the vertex; finite, and so large
-    /// that no level is read where one has no extent in its map.
+    /// Side of a texel on the base mesh, in model units: the largest of the triangles at the vertex; finite, and so
+    /// large that no level is read where one has no extent in its map.
     pub size: f32,
-    /// How many texels a side a pixel is taken to cover at the most, a power of two. Boxes hold the surface as far as that.
+    /// How many texels a side a pixel is taken to cover at the most, a power of two. Boxes hold the surface as far as
+    /// that.
     pub span: f32,
 }
 
@@ -442,10 +444,10 @@ pub struct Triangle {
 /// coordinates or height maps. The edges and corners concerned are decided here, once for all triangles at them, so
 /// that these compute the same micro-vertices and the surface has no crack.
 ///
-/// A corner is *decided* where several vertices stand at its position, or triangles of several maps: direction and height are then those given
-/// here. An edge is a *seam* where its triangles do not all share its two vertices and the height map: its
-/// micro-vertices are displaced along the directions given here, interpolated, by the mean of the heights that its
-/// different sides read.
+/// A corner is *decided* where several vertices stand at its position, or triangles of several maps: direction and
+/// height are then those given here. An edge is a *seam* where its triangles do not all share its two vertices and the
+/// height map: its micro-vertices are displaced along the directions given here, interpolated, by the mean of the
+/// heights that its different sides read.
 ///
 /// Of vector displacement decided corners and seams are displaced by the mean of the vectors that their different sides
 /// give, each along its own axes: directions are not read, and heights are bounds on lengths, as in [`Triangle`].
@@ -495,8 +497,9 @@ pub struct SeamSide {
 pub struct BvhNode {
     /// Lower corner of its box.
     pub min: Vec3,
-    /// Leaf: first index into the primitives. Inner node: index of the first child; the second follows it. Both count from
-    /// where those of the tree begin: see [`Instance`]. A leaf of the tree over instances: the index of its only one.
+    /// Leaf: first index into the primitives. Inner node: index of the first child; the second follows it. Both count
+    /// from where those of the tree begin: see [`Instance`]. A leaf of the tree over instances: the index of its only
+    /// one.
     pub first: u32,
     /// Upper corner of its box.
     pub max: Vec3,
@@ -605,8 +608,8 @@ pub struct Displacement {
     pub format: u32,
     /// How the map goes on beyond its borders: [`wrap`].
     pub wrap: u32,
-    /// What its levels differ from it by: level l, filtered, at most by `roughness` 2^l, in texels' values. 0 where it has
-    /// no levels.
+    /// What its levels differ from it by: level l, filtered, at most by `roughness` 2^l, in texels' values. 0 where it
+    /// has no levels.
     pub roughness: f32,
 }
 
@@ -634,7 +637,8 @@ pub struct Frame {
     pub triangle_count: u32,
     /// [`shade::STEPS`]: the count that is shown red.
     pub steps_scale: u32,
-    /// N: parts of each side of a triangle, 1 to [`MAX_SUBDIVISIONS`]. Where N is adaptive the most parts, a power of two.
+    /// N: parts of each side of a triangle, 1 to [`MAX_SUBDIVISIONS`]. Where N is adaptive the most parts, a power of
+    /// two.
     pub subdivisions: u32,
     /// Least height of all maps, rounded down.
     pub height_min: f32,
@@ -682,8 +686,8 @@ impl Displacement {
     }
 }
 
-/// Which tiles of a film a dispatch of `render` or `resolve` covers, as push constants: squares of [`TILE_GROUP_SIZE`] pixels,
-/// a workgroup each.
+/// Which tiles of a film a dispatch of `render` or `resolve` covers, as push constants: squares of [`TILE_GROUP_SIZE`]
+/// pixels, a workgroup each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Tiles {

@@ -12,14 +12,16 @@ use glam::{Vec2, Vec3};
 
 /// What a sample shows: a colour times the light that reaches it, summed up light after light.
 ///
-/// Who traces the sample's rays asks for [one shadow ray after the other](Self::next_shadow_ray) and says what each one met.
-/// So the code of a traversal stands in a kernel once, for primary and shadow rays alike: it is nearly all of a kernel.
+/// Who traces the sample's rays asks for [one shadow ray after the other](Self::next_shadow_ray) and says what each one
+/// met. So the code of a traversal stands in a kernel once, for primary and shadow rays alike: it is nearly all of a
+/// kernel.
 ///
-/// The light is Lambert's and ambient, on a two-sided surface: ambient + the sum over lights of I / d² cos. The viewer's
-/// side is that of the micro-triangle, and a light on its other side gives nothing, whatever the shading normal.
+/// The light is Lambert's and ambient, on a two-sided surface: ambient + the sum over lights of I / d² cos. The
+/// viewer's side is that of the micro-triangle, and a light on its other side gives nothing, whatever the shading
+/// normal.
 ///
-/// All of it takes registers while shadow rays are traced, so it is little: what a light gives is computed again once its
-/// shadow ray has come through.
+/// All of it takes registers while shadow rays are traced, so it is little: what a light gives is computed again once
+/// its shadow ray has come through.
 #[derive(Clone, Copy, Debug)]
 pub struct DirectLighting {
     /// Linear RGB of the surface.
@@ -93,7 +95,8 @@ impl DirectLighting {
         }
     }
 
-    /// Adds the lights that need no shadow ray, up to the next one that does: the ray towards that, and whether there is one.
+    /// Adds the lights that need no shadow ray, up to the next one that does: the ray towards that, and whether there
+    /// is one.
     #[inline]
     pub fn next_shadow_ray(
         &mut self,
@@ -171,8 +174,8 @@ impl DirectLighting {
 /// G = min(1, (ng·wi) / ((ns·wi) (ng·ns))) it is G + G² - G³, which has the slope 0 where it meets 1. The paper takes
 /// ng·ns above 0; where it is not, the product is not above `geometric` either, and G is 1.
 ///
-/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not above
-/// 0 where that is not.
+/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not
+/// above 0 where that is not.
 #[inline]
 fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {
     let whole = shading * between;

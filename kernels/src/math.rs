@@ -17,8 +17,8 @@ pub const fn gamma(n: u32) -> f32 {
 }
 
 /// `a * b + c`, rounded once where the device fuses. On SPIR-V the explicit `Fma` instruction: a driver may compute it
-/// as a product and a sum, but not one way here and another there, which is what two triangles at an edge rely on. On the
-/// CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
+/// as a product and a sum, but not one way here and another there, which is what two triangles at an edge rely on. On
+/// the CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
 /// differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
 #[inline]
 pub fn fma(a: f32, b: f32, c: f32) -> f32 {
@@ -131,8 +131,8 @@ pub fn max_abs(v: Vec3) -> f32 {
     v.x.abs().max(v.y.abs()).max(v.z.abs())
 }
 
-/// `v` as a unit vector, whatever its length: brought to size first, since the square of an area may be more or less than
-/// a float can hold. NaN where `v` is zero or not finite.
+/// `v` as a unit vector, whatever its length: brought to size first, since the square of an area may be more or less
+/// than a float can hold. NaN where `v` is zero or not finite.
 #[inline]
 pub fn unit(v: Vec3) -> Vec3 {
     (v / max_abs(v)).normalize()

@@ -60,7 +60,8 @@ impl Word {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Replaces its value for invocations of other workgroups that [`hand_over`](Self::hand_over) orders after this one.
+    /// Replaces its value for invocations of other workgroups that [`hand_over`](Self::hand_over) orders after this
+    /// one.
     #[inline]
     pub fn store(&self, value: u32) {
         self.0.store(value, Ordering::Relaxed);

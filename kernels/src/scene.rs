@@ -42,7 +42,8 @@ pub struct SceneView<'a> {
     pub normal_texels: &'a [u32],
     /// The instances; none unless [`Features::instances`].
     pub instances: &'a [Instance],
-    /// Micro-vertices, three floats each; none unless the method is [`TESSELLATE`](crate::interface::method::TESSELLATE).
+    /// Micro-vertices, three floats each; none unless the method is
+    /// [`TESSELLATE`](crate::interface::method::TESSELLATE).
     pub micro_vertices: &'a [f32],
     /// Distance maps; none unless the method is [`SPHERE`](crate::interface::method::SPHERE).
     pub distances: &'a [f32],

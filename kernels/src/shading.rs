@@ -21,27 +21,27 @@ use glam::{UVec4, Vec2, Vec3};
 pub struct SurfaceInteraction {
     /// The hit point, from the micro-triangle's barycentrics; in the world, as everything here.
     pub point: Vec3,
-    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane. In an instance what
-    /// rays lose on their way into its space is part of it.
+    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane. In an instance
+    /// what rays lose on their way into its space is part of it.
     pub point_error: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
     /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it the displaced surface's
-    /// own ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal on the side of
-    /// `ng`.
+    /// own ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal on the side
+    /// of `ng`.
     pub ns: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Index of its [`Material`].
     pub material: u32,
-    /// How much of the map a unit of length shows: the root of the micro-triangle's area in texture coordinates over its
-    /// area. 0 where it has no extent in the map.
+    /// How much of the map a unit of length shows: the root of the micro-triangle's area in texture coordinates over
+    /// its area. 0 where it has no extent in the map.
     pub uv_density: f32,
-    /// Height that the triangle's own map gives there, in the mesh's units (seams may decide another), or the vector's length;
-    /// 0 where nothing is displaced.
+    /// Height that the triangle's own map gives there, in the mesh's units (seams may decide another), or the vector's
+    /// length; 0 where nothing is displaced.
     pub height: f32,
-    /// Of methods in image space how far the relief is behind `point`, which is the base triangle's, along the ray that hit it;
-    /// of others 0. See [`relief`].
+    /// Of methods in image space how far the relief is behind `point`, which is the base triangle's, along the ray that
+    /// hit it; of others 0. See [`relief`].
     pub offset: f32,
 }
 
@@ -121,7 +121,8 @@ impl SurfaceInteraction {
         }
     }
 
-    /// The point that `ray`, which hit the surface, shows: that of the relief where it was found in image space, else `point`.
+    /// The point that `ray`, which hit the surface, shows: that of the relief where it was found in image space, else
+    /// `point`.
     #[inline]
     pub fn shown_point(&self, features: Features, ray: &TraversalRay) -> Vec3 {
         if method::is_image_space(features.method) {
@@ -169,8 +170,8 @@ fn round_along(x: f32, offset: f32) -> f32 {
     }
 }
 
-/// What the hit of a primary ray shows, as [`shade`] says: a colour, and the light that it is to be multiplied by. `steps` is
-/// what finding it cost.
+/// What the hit of a primary ray shows, as [`shade`] says: a colour, and the light that it is to be multiplied by.
+/// `steps` is what finding it cost.
 #[inline]
 pub fn shade_hit(
     scene: &SceneView<'_>,
@@ -229,10 +230,10 @@ fn albedo(
 
 /// How many texels of the colour map a pixel's side covers at a hit of a primary ray, where it covers most.
 ///
-/// The pixel is a cone around the ray: Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved Shader
-/// and Texture Level of Detail Using Ray Cones", JCGT 10(1), 2021. Its width at distance t is t times the pixel's side at
-/// distance 1, and on the surface that over the cosine; the density of texels is that of the micro-triangle where the
-/// paper has a triangle's. Not finite where the ray runs along the micro-triangle.
+/// The pixel is a cone around the ray: Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved
+/// Shader and Texture Level of Detail Using Ray Cones", JCGT 10(1), 2021. Its width at distance t is t times the
+/// pixel's side at distance 1, and on the surface that over the cosine; the density of texels is that of the
+/// micro-triangle where the paper has a triangle's. Not finite where the ray runs along the micro-triangle.
 #[inline]
 fn footprint_texels(
     scene: &SceneView<'_>,
@@ -254,8 +255,8 @@ fn cell_color(hit: Hit) -> Vec3 {
     Vec3::new(channel(bits.x), channel(bits.y), channel(bits.z))
 }
 
-/// Two samples' difference as [`shade::ERROR`] shows it: of luminances (Rec. 709), where nothing is hit black; transparent where
-/// neither hits.
+/// Two samples' difference as [`shade::ERROR`] shows it: of luminances (Rec. 709), where nothing is hit black;
+/// transparent where neither hits.
 #[inline]
 pub fn error_shown(a: Sample, b: Sample) -> Sample {
     let difference = dot(a.radiance - b.radiance, Vec3::new(0.2126, 0.7152, 0.0722)).abs();

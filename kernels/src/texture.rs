@@ -28,7 +28,8 @@ fn reduce(x: f32, mode: u32) -> f32 {
     }
 }
 
-/// How fast [`reduce`]d coordinates grow with the given ones: 1, or -1 in a mirrored copy, or 0 beyond a clamped border.
+/// How fast [`reduce`]d coordinates grow with the given ones: 1, or -1 in a mirrored copy, or 0 beyond a clamped
+/// border.
 #[inline]
 fn reduce_slope(x: f32, mode: u32) -> f32 {
     if mode == wrap::REPEAT {
@@ -155,8 +156,8 @@ impl LevelOfDetail {
     pub const FINEST: LevelOfDetail = LevelOfDetail { number: 0, share: 0.0 };
 
     /// For heights where a pixel covers `side` texels: 2^l (1 + s) are read from level l, and by the share s from the
-    /// next. Unlike a logarithm that is computed alike everywhere, and what the levels differ by, if that grows no faster
-    /// than their texels, grows no faster than `side`. The map itself where `side` is not above 1, or NaN.
+    /// next. Unlike a logarithm that is computed alike everywhere, and what the levels differ by, if that grows no
+    /// faster than their texels, grows no faster than `side`. The map itself where `side` is not above 1, or NaN.
     #[inline]
     pub fn new(side: f32) -> LevelOfDetail {
         let bits = if side > 1.0 { side.min(MOST_TEXELS).to_bits() } else { 1.0_f32.to_bits() };
@@ -196,16 +197,16 @@ impl HeightTexels<'_> {
         ]
     }
 
-    /// The filtered value at (u, v), which must be finite, of a map whose levels stand one behind the other; those that are not
-    /// read need not be there. Of the last level alone beyond it. The value leaves the range of the texels by at most 4 ulp of
-    /// the greatest magnitude among them, of a single level by 3.
+    /// The filtered value at (u, v), which must be finite, of a map whose levels stand one behind the other; those that
+    /// are not read need not be there. Of the last level alone beyond it. The value leaves the range of the texels by
+    /// at most 4 ulp of the greatest magnitude among them, of a single level by 3.
     #[inline]
     pub fn sample(&self, finest: Level, uv: Vec2, detail: LevelOfDetail) -> f32 {
         let mut level = finest.number(detail.number);
         let count = if detail.share > 0.0 { 2 } else { 1 };
         let mut value = 0.0;
-        // A loop, so that the code of the filter stands in a kernel once; left from its end, so that where `detail` is constant
-        // a compiler sees that there is no second turn.
+        // A loop, so that the code of the filter stands in a kernel once; left from its end, so that where `detail` is
+        // constant a compiler sees that there is no second turn.
         let mut i = 0;
         loop {
             let f = footprint(uv, level.width, level.height, self.wrap);
@@ -221,8 +222,9 @@ impl HeightTexels<'_> {
         value
     }
 
-    /// The gradient of [`sample`](Self::sample) at (u, v), which must be finite: its growth for a unit of u, and of v. On the
-    /// lines through texel centres, where the filter has a kink, it is that of the texels to the right and below.
+    /// The gradient of [`sample`](Self::sample) at (u, v), which must be finite: its growth for a unit of u, and of v.
+    /// On the lines through texel centres, where the filter has a kink, it is that of the texels to the right and
+    /// below.
     #[inline]
     pub fn gradient(&self, finest: Level, uv: Vec2, detail: LevelOfDetail) -> Vec2 {
         let mut level = finest.number(detail.number);
@@ -294,8 +296,8 @@ impl ColorTexels<'_> {
     }
 
     /// The linear RGB of a map whose levels stand one behind the other, around (u, v), which must be finite: between
-    /// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is not
-    /// above 1 (or NaN), the last one alone where it is beyond the map.
+    /// the two levels whose texels are next in size to `side` texels of the first level. That one alone where `side` is
+    /// not above 1 (or NaN), the last one alone where it is beyond the map.
     #[inline]
     pub fn sample_levels(&self, finest: Level, uv: Vec2, side: f32) -> Vec3 {
         let lod = if side > 1.0 { log2(side.min(MOST_TEXELS)) } else { 0.0 };

@@ -117,8 +117,9 @@ mod tests {
     }
 
     /// Against Cramer's rule in f64, on rays well inside the triangle. The bound: gamma(12) of the greatest
-    /// depth, as the doc says, plus the error of the rounded direction, u per unit of distance. The least scale is that of
-    /// micro-triangles at the greatest N on the smallest model that the host accepts, the greatest that of the largest.
+    /// depth, as the doc says, plus the error of the rounded direction, u per unit of distance. The least scale is that
+    /// of micro-triangles at the greatest N on the smallest model that the host accepts, the greatest that of the
+    /// largest.
     #[test]
     fn distance_agrees_with_f64() {
         let mut numbers = Numbers::new(4);

@@ -23,8 +23,8 @@ pub fn module_path(entry_point: &str) -> String {
 
 /// The workspace's folder, as it was when this crate was compiled.
 pub fn workspace() -> PathBuf {
-    // Cargo says where it runs this. What it said when it compiled it is of another copy of the workspace where two share a
-    // target directory.
+    // Cargo says where it runs this. What it said when it compiled it is of another copy of the workspace where two
+    // share a target directory.
     let here = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     let mut folder = PathBuf::from(here);
     folder.pop();

@@ -1,8 +1,8 @@
 //! Treelets: the subtrees of primitives that share the leading bits of their codes, built from the bottom up in one
 //! pass (Apetrei, "Fast and Simple Agglomerative LBVH Construction", CGVC 2014).
 //!
-//! How many leading bits is chosen from the data: as many as leave at most [`MAX_TREELETS`] treelets. In scenes of no more
-//! primitives each is a treelet, the SAH decides everything, and nothing is sorted.
+//! How many leading bits is chosen from the data: as many as leave at most [`MAX_TREELETS`] treelets. In scenes of no
+//! more primitives each is a treelet, the SAH decides everything, and nothing is sorted.
 
 use crate::bvh::header;
 use crate::bvh::morton::{LEVELS, position_level};
@@ -11,8 +11,8 @@ use crate::bvh::top::{self, TopBuffers};
 use crate::interface::{BATCH_GROUP_SIZE, BuildStep, BvhNode, MOST_ROW_GROUPS};
 use crate::parallel::{Word, word};
 
-/// Most treelets of a tree. Twice as many make a tree of 10^6 primitives 2 % cheaper to traverse, by SAH cost, and its top
-/// take twice as long to build.
+/// Most treelets of a tree. Twice as many make a tree of 10^6 primitives 2 % cheaper to traverse, by SAH cost, and its
+/// top take twice as long to build.
 pub const MAX_TREELETS: u32 = 1 << 14;
 /// Words of a treelet: its root as a node, then [`LAST`], [`SIZE`] and whether it is deep.
 pub const TREELET_WORDS: u32 = 11;
@@ -83,7 +83,8 @@ pub fn choose_threshold(step: &BuildStep, buffers: &TopBuffers<'_>) {
     top::put_first_task(buffers, step, treelets, items);
 }
 
-/// Writes 1 to `flags[i]` where a treelet ends behind sorted position `i`, else 0: scanned, the number of `i`'s treelet.
+/// Writes 1 to `flags[i]` where a treelet ends behind sorted position `i`, else 0: scanned, the number of `i`'s
+/// treelet.
 #[inline]
 pub fn flag_treelets(state: &[Word], levels: &[Word], flags: &[Word], i: u32) {
     let mut flag = 0;

@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy over the prisms.
 //!
-//! Built as an HLBVH (Garanzha, Pantaleoni and McAllister, "Simpler and Faster HLBVH with Work Queues", HPG 2011) by kernels, in
-//! this order:
+//! Built as an HLBVH (Garanzha, Pantaleoni and McAllister, "Simpler and Faster HLBVH with Work Queues", HPG 2011) by
+//! kernels, in this order:
 //!
 //! 1. [`morton`]: the box of all centres, codes; [`radix_sort`] sorts them; where the sorted order splits.
 //! 2. [`hlbvh`]: subtrees of neighbours on the curve, *treelets*, from the bottom up.
@@ -12,9 +12,9 @@
 //! # Layout
 //! A tree over m primitives has m - 1 inner nodes and as many pairs of siblings. Each pair is that of one of the m - 1
 //! *splits* between neighbours in the sorted order: the children of the node that split q parts stand at 1 + 2q and
-//! 2 + 2q, the root at 0. So every node has its place without any counting, and the same primitives give the same tree on
-//! every device, whichever invocation comes first. (In the top of the tree a split need not lie where its
-//! pair's number says: there the numbers are only handed out, each once.)
+//! 2 + 2q, the root at 0. So every node has its place without any counting, and the same primitives give the same tree
+//! on every device, whichever invocation comes first. (In the top of the tree a split need not lie where its pair's
+//! number says: there the numbers are only handed out, each once.)
 
 pub mod hlbvh;
 pub mod morton;

@@ -128,8 +128,8 @@ fn interleave(x: u32) -> u32 {
 }
 
 /// Where the order splits between sorted positions `i` and `i + 1`: the number of the highest bit in which the keys
-/// differ, 32 and above, or, for equal keys, in which the positions do, below 32. Splits of higher levels are further up
-/// in the tree; within a subtree no two have the same level.
+/// differ, 32 and above, or, for equal keys, in which the positions do, below 32. Splits of higher levels are further
+/// up in the tree; within a subtree no two have the same level.
 #[inline]
 pub fn split_level(step: &BuildStep, keys: &[Word], i: u32) -> u32 {
     if step.limbs == 2 {

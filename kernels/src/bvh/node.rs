@@ -25,8 +25,8 @@ pub fn load_box(boxes: &[f32], primitive: u32) -> Aabb {
 /// between into [0, 1), in whatever order a driver multiplies.
 pub const LARGEST: f32 = 5.316_912e36;
 
-/// Whether a primitive with this box is part of the tree: its box holds something, and nothing beyond [`LARGEST`]. NaN is
-/// not.
+/// Whether a primitive with this box is part of the tree: its box holds something, and nothing beyond [`LARGEST`]. NaN
+/// is not.
 #[inline]
 pub fn is_sound(bounds: Aabb) -> bool {
     let lowest = Vec3::splat(-LARGEST);
@@ -48,8 +48,8 @@ fn normal_or_zero(x: f32) -> f32 {
     if x.abs() < f32::MIN_POSITIVE { 0.0 } else { x }
 }
 
-/// A word whose order as an unsigned integer is that of finite floats, and which is never 0 for one: the neutral element
-/// of [`Word::max`] stands for no float at all.
+/// A word whose order as an unsigned integer is that of finite floats, and which is never 0 for one: the neutral
+/// element of [`Word::max`] stands for no float at all.
 #[inline]
 pub fn ordered(x: f32) -> u32 {
     let bits = x.to_bits();
@@ -62,8 +62,8 @@ pub fn from_ordered(word: u32) -> f32 {
     f32::from_bits(if word >> 31 == 1 { word & 0x7FFF_FFFF } else { !word })
 }
 
-/// A box as words of which the greater is the larger box on each side: to unite boxes is to take maxima, and all zero is
-/// the box of nothing.
+/// A box as words of which the greater is the larger box on each side: to unite boxes is to take maxima, and all zero
+/// is the box of nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {
     low: UVec3,

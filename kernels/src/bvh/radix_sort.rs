@@ -3,7 +3,8 @@
 //! A pass is that of Satish, Harris and Garland ("Designing Efficient Sorting Algorithms for Manycore GPUs", 2009):
 //! [`count_digits`] counts each block's digits, a [`scan`] of the counts, digit by digit and within a digit block by
 //! block, says where each block's pairs of each digit go, and [`scatter_pairs`] takes them there. It sorts a
-//! block in shared memory first, by half a digit at a time, so that neighbours in a workgroup write neighbours in memory.
+//! block in shared memory first, by half a digit at a time, so that neighbours in a workgroup write neighbours in
+//! memory.
 //!
 //! Keys and values stand in two halves of their buffers, between which the passes go back and forth. A key of more than
 //! 32 bits has two *limbs*, the lower first, each in an array of its own: limb l of half h begins at word
@@ -13,8 +14,8 @@ use super::scan::{self, BLOCK, GROUP_SIZE, ITEMS, blocks, scan_shared};
 use crate::interface::SortPass;
 use crate::parallel::{Word, Workgroup, phase, shared_add, shared_at, shared_put, word};
 
-/// Bits of a digit. A pass of eight takes about as long as one of four: what it waits for is memory and barriers between
-/// dispatches.
+/// Bits of a digit. A pass of eight takes about as long as one of four: what it waits for is memory and barriers
+/// between dispatches.
 const DIGIT_BITS: u32 = 8;
 /// How many values a digit has.
 const DIGITS: u32 = 1 << DIGIT_BITS;
@@ -33,8 +34,8 @@ pub type Histogram = [u32; DIGITS as usize];
 /// each digit, where its pairs begin in the sorted block.
 pub type Counters = [u32; (ROWS * GROUP_SIZE) as usize];
 const _: () = assert!(DIGITS <= ROWS * GROUP_SIZE);
-/// Shared memory of [`scatter_pairs`]: a block's entries in two orders, between which sorting by nibbles goes back and forth.
-/// An entry is the number of a pair in the block and, above it, its digit.
+/// Shared memory of [`scatter_pairs`]: a block's entries in two orders, between which sorting by nibbles goes back and
+/// forth. An entry is the number of a pair in the block and, above it, its digit.
 pub type Entries = [u32; 2 * BLOCK as usize];
 const PLACE_BITS: u32 = BLOCK.trailing_zeros();
 const _: () = assert!(BLOCK.is_power_of_two());

@@ -24,8 +24,8 @@ pub fn node_count(sound: u32) -> u32 {
     if sound == 0 { 1 } else { 2 * sound - 1 }
 }
 
-/// Climbs from the node in `slot`, if it is a leaf, towards the root, as far as this invocation is the second to arrive:
-/// each inner node gets its box when both its children have theirs. A leaf whose primitive has no sound box any
+/// Climbs from the node in `slot`, if it is a leaf, towards the root, as far as this invocation is the second to
+/// arrive: each inner node gets its box when both its children have theirs. A leaf whose primitive has no sound box any
 /// more is counted: such a tree has to be built again.
 #[inline]
 pub fn refit(

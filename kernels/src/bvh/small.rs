@@ -1,8 +1,8 @@
 //! The parts of the tree's top over few treelets: a workgroup makes all nodes of one, in shared memory.
 //!
 //! Each plane behind a treelet, along each axis, is tried: a full sweep of the surface area heuristic, cheap since
-//! treelets are so few. They are ordered along an axis by their middles, equal ones by number, so that every plane but the
-//! last parts some.
+//! treelets are so few. They are ordered along an axis by their middles, equal ones by number, so that every plane but
+//! the last parts some.
 
 use crate::bvh::header;
 use crate::bvh::hlbvh::{MAX_TREELETS, SIZE, TREELET_WORDS};
@@ -15,8 +15,8 @@ use crate::parallel::{Word, Workgroup, phase, shared_add, shared_at, shared_put,
 
 /// Invocations of a workgroup: one for each treelet and axis.
 pub const GROUP_SIZE: u32 = 3 * MOST_SMALL;
-/// Most treelets of a small task. What a sweep costs grows with the square: of twice as many it takes longer than binning
-/// them once more.
+/// Most treelets of a small task. What a sweep costs grows with the square: of twice as many it takes longer than
+/// binning them once more.
 pub const MOST_SMALL: u32 = 32;
 /// Most levels of a small task's nodes: 5 and some for uneven splits.
 pub const LEVEL_LIMIT: u32 = 10;
@@ -29,8 +29,9 @@ const LISTED: u32 = 3;
 /// How many words.
 pub const SMALL_TASK_WORDS: u32 = 4;
 
-/// Shared memory: for each treelet `ITEM_WORDS`, for each position `PLACE_WORDS`, twice, and `BEST_WORDS`, thrice; then a word
-/// for each level, of how many positions are still to be split; then for each split the pair of siblings that it lends.
+/// Shared memory: for each treelet `ITEM_WORDS`, for each position `PLACE_WORDS`, twice, and `BEST_WORDS`, thrice; then
+/// a word for each level, of how many positions are still to be split; then for each split the pair of siblings that it
+/// lends.
 pub type Shared = [u32; (PAIRS + MOST_SMALL) as usize];
 /// Words of a treelet: its extent, its middle as ordered words, how many primitives, its number.
 const MIDDLE: u32 = Extent::WORDS;
@@ -45,8 +46,8 @@ const PART_ITEMS: u32 = 2;
 const PART_SLOT: u32 = 3;
 const PLACE_WORDS: u32 = 4;
 const PLACES: u32 = ITEM_WORDS * MOST_SMALL;
-/// Words of a plane behind a position's treelet: its cost and its axis. First those along x of all positions, then y, then z;
-/// then the best of each position in place of that along x.
+/// Words of a plane behind a position's treelet: its cost and its axis. First those along x of all positions, then y,
+/// then z; then the best of each position in place of that along x.
 const AXIS: u32 = Cost::WORDS;
 const BEST_WORDS: u32 = AXIS + 1;
 const BEST: u32 = PLACES + 2 * PLACE_WORDS * MOST_SMALL;

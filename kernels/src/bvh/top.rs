@@ -1,14 +1,14 @@
 //! The top of the tree: over the treelets, from the root down by the surface area heuristic (SAH), evaluated at bins
 //! (Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), a level at a time.
 //!
-//! A *task* is a node that is to be split. A level is two dispatches: [`choose`], a workgroup for each task in the level's
-//! queue, and [`move_treelet`], an invocation for each treelet, which takes it to its side of its task's plane and adds
-//! it to the bins of the task it finds there. Tasks of few treelets leave the levels for [`small`].
+//! A *task* is a node that is to be split. A level is two dispatches: [`choose`], a workgroup for each task in the
+//! level's queue, and [`move_treelet`], an invocation for each treelet, which takes it to its side of its task's plane
+//! and adds it to the bins of the task it finds there. Tasks of few treelets leave the levels for [`small`].
 //!
-//! A task over c treelets owns c consecutive numbers, its left child the first of them; so the split of its children has a
-//! number of its own, and so has each task: see `task_number`. Bins hold integers only: maxima and sums that come out
-//! alike in any order. Areas are fixed-point shares of the task's own box. Hence the same treelets give the same tree
-//! everywhere.
+//! A task over c treelets owns c consecutive numbers, its left child the first of them; so the split of its children
+//! has a number of its own, and so has each task: see `task_number`. Bins hold integers only: maxima and sums that come
+//! out alike in any order. Areas are fixed-point shares of the task's own box. Hence the same treelets give the same
+//! tree everywhere.
 
 use crate::aabb::Aabb;
 use crate::bvh::header;
@@ -19,8 +19,8 @@ use crate::interface::{BuildStep, BvhNode, MAX_BVH_DEPTH};
 use crate::parallel::{Word, Workgroup, phase, shared_at, shared_put, word};
 use glam::Vec3;
 
-/// Invocations of a workgroup of [`choose`]: at least as many as planes and as words of two children. More of them read the
-/// copies of bins sooner.
+/// Invocations of a workgroup of [`choose`]: at least as many as planes and as words of two children. More of them read
+/// the copies of bins sooner.
 pub const GROUP_SIZE: u32 = 128;
 const _: () = assert!(GROUP_SIZE >= PLANES && GROUP_SIZE >= 2 * BIN_WORDS);
 /// Invocations of a workgroup of [`start_treelet`] and of [`move_treelet`].
@@ -28,14 +28,15 @@ pub const MOVE_GROUP_SIZE: u32 = 64;
 /// Most levels of tasks.
 pub const MOST_LEVELS: u32 = level_limit(MAX_TREELETS);
 const _: () = assert!(MOST_LEVELS + small::LEVEL_LIMIT + MAX_TREELET_DEPTH <= MAX_BVH_DEPTH);
-/// The levels that the top may have beyond twice those of a balanced one: room for uneven splits where they pay. Half of all
-/// are kept for halving where treelets are in no order on a curve, since there only halving narrows their numbers.
+/// The levels that the top may have beyond twice those of a balanced one: room for uneven splits where they pay. Half
+/// of all are kept for halving where treelets are in no order on a curve, since there only halving narrows their
+/// numbers.
 const UNEVEN_LEVELS: u32 = 3;
 
 /// From 8 to 32 bins the SAH cost of our scenes differs by less than 2 %.
 const BINS: u32 = 16;
-/// Along x, y and z [`BINS`] each, then two along the order of the curve: there no two treelets are at the same place, so
-/// that the plane between the halves always parts some.
+/// Along x, y and z [`BINS`] each, then two along the order of the curve: there no two treelets are at the same place,
+/// so that the plane between the halves always parts some.
 const TASK_BINS: u32 = CURVE * BINS + 2;
 /// The axis along the curve's order, behind x, y and z.
 const CURVE: u32 = 3;
@@ -79,8 +80,8 @@ const DONE: u32 = u32::MAX;
 /// Planes that a task is evaluated at, some of which are none: see [`evaluate_plane`].
 const PLANES: u32 = TASK_BINS.next_power_of_two();
 
-/// Shared memory of [`choose`]: the bins, then for each plane its cost and its number, then both children, summed up like
-/// bins, then what it needs of the task: the first of its numbers, its slot, and whether it is to be halved.
+/// Shared memory of [`choose`]: the bins, then for each plane its cost and its number, then both children, summed up
+/// like bins, then what it needs of the task: the first of its numbers, its slot, and whether it is to be halved.
 pub type Shared = [u32; (HEAD + HEAD_WORDS) as usize];
 const PLANE: u32 = TASK_BIN_WORDS;
 const PLANE_NUMBER: u32 = Cost::WORDS;
@@ -113,7 +114,8 @@ fn bin_copies(level: u32) -> u32 {
     (ROOT_COPIES >> level.min(31)).max(1)
 }
 
-/// What no other task at its level has, nor any number above: each owns more than [`MOST_SMALL`] numbers from `first` on.
+/// What no other task at its level has, nor any number above: each owns more than [`MOST_SMALL`] numbers from `first`
+/// on.
 #[inline]
 fn task_number(first: u32) -> u32 {
     first / MOST_SMALL
@@ -287,7 +289,8 @@ fn united(i: u32, one: u32, other: u32) -> u32 {
     if i % BIN_WORDS < ITEMS { one.max(other) } else { one + other }
 }
 
-/// The pair of siblings that split number `split` of the top lends: that of the split behind the treelet of that number.
+/// The pair of siblings that split number `split` of the top lends: that of the split behind the treelet of that
+/// number.
 #[inline]
 pub fn pair_of_split(treelets: &[Word], split: u32) -> u32 {
     word(treelets, split * TREELET_WORDS + LAST).get()
@@ -316,8 +319,8 @@ pub fn put_inner(buffers: &TopBuffers<'_>, slot: u32, bounds: Aabb, pair: u32) {
     word(buffers.parents, pair).set(slot);
 }
 
-/// Takes treelet number `t` to its side of its task's plane: to its place in the tree where it is alone there, else to the
-/// task there.
+/// Takes treelet number `t` to its side of its task's plane: to its place in the tree where it is alone there, else to
+/// the task there.
 #[inline]
 pub fn move_treelet(step: &BuildStep, buffers: &TopBuffers<'_>, t: u32) {
     if t < word(buffers.state, header::TREELETS).get() {
@@ -414,9 +417,10 @@ fn bin_of(tasks: &[Word], task: u32, axis: u32, middle: Vec3, t: u32) -> u32 {
 
 /// Whether a task has to be split in the middle of the curve's order, so that the top keeps its limit on levels.
 ///
-/// Let s be how far its treelets' numbers spread, in units of [`MOST_SMALL`] rounded up, and levels(s) = ceil(log2 s). The
-/// invariant is level + levels(s) <= limit; it holds at the root. A task has s >= 2, so that level < limit. Children spread
-/// no further than s, so any plane keeps it where level + 1 + levels(s) is within the limit; halving makes levels one less.
+/// Let s be how far its treelets' numbers spread, in units of [`MOST_SMALL`] rounded up, and levels(s) = ceil(log2 s).
+/// The invariant is level + levels(s) <= limit; it holds at the root. A task has s >= 2, so that level < limit.
+/// Children spread no further than s, so any plane keeps it where level + 1 + levels(s) is within the limit; halving
+/// makes levels one less.
 #[inline]
 fn must_halve(step: &BuildStep, tasks: &[Word], task: u32) -> bool {
     let least = !word(tasks, task + TASK_NUMBERS).get();
@@ -430,8 +434,8 @@ pub const fn rounded_up_log2(n: u32) -> u32 {
     32 - (n - 1).leading_zeros()
 }
 
-/// Writes the cost of the plane in front of bin `local`: for both sides area times number of primitives. There is none in
-/// front of an axis' first bin, nor where a side is empty: such a plane costs more than any.
+/// Writes the cost of the plane in front of bin `local`: for both sides area times number of primitives. There is none
+/// in front of an axis' first bin, nor where a side is empty: such a plane costs more than any.
 #[inline]
 fn evaluate_plane(shared: &mut Shared, local: u32) {
     let along_curve = local == CURVE_PLANE;

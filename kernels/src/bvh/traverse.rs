@@ -71,10 +71,10 @@ pub fn traverse(
     let by_quadtree = features.method == method::QUADTREE;
     let mut descent = Descent::DONE;
     let any = query == Query::Any;
-    // Each node is visited once at most (that of a mesh once an instance). A loop to the next leaf of its own, so that the rays
-    // of a subgroup test prisms together: without it each leaf of one ray would keep the others waiting (Aila and Laine,
-    // "Understanding the Efficiency of Ray Traversal on GPUs", HPG 2009). Within quadtrees rays go a few nodes at a time: else
-    // they would wait at each prism for the one that has the most to do in its own.
+    // Each node is visited once at most (that of a mesh once an instance). A loop to the next leaf of its own, so that
+    // the rays of a subgroup test prisms together: without it each leaf of one ray would keep the others waiting (Aila
+    // and Laine, "Understanding the Efficiency of Ray Traversal on GPUs", HPG 2009). Within quadtrees rays go a few
+    // nodes at a time: else they would wait at each prism for the one that has the most to do in its own.
     let mut going = true;
     while going {
         let idle = descent.is_done();
@@ -205,7 +205,8 @@ impl BvhNode {
     }
 }
 
-/// The nearer of `nearest` and the ray's hits on one base triangle, in the space of instance number `instance`, by the method that the features name.
+/// The nearer of `nearest` and the ray's hits on one base triangle, in the space of instance number `instance`, by the
+/// method that the features name.
 #[inline]
 #[expect(clippy::too_many_arguments, reason = "the scene, the ray and what it found so far")]
 fn intersect_primitive(

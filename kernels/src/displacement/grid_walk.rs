@@ -450,8 +450,8 @@ mod tests {
         (walked, exact, counts)
     }
 
-    /// Walks and brute force on `count` prisms with 20 rays each. The walk may miss hits, at most the share `most_misses` of
-    /// them, and find others behind what it missed; it must find none that is not there.
+    /// Walks and brute force on `count` prisms with 20 rays each. The walk may miss hits, at most the share
+    /// `most_misses` of them, and find others behind what it missed; it must find none that is not there.
     fn compare(seed: u32, count: u32, spread: f32, adversarial: bool, most_misses: f64) {
         let mut numbers = Numbers::new(seed);
         let (mut hits, mut misses) = (0, 0);

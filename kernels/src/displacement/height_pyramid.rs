@@ -1,9 +1,9 @@
 //! The min/max pyramid of a height map: bounds on heights over any box of texels in a few reads.
 //!
 //! Entry (x, y) of level l holds the least and the greatest texel of the square that begins at texel (x 2^l, y 2^l) and
-//! is 2^(l+1) texels wide: twice the entries' spacing, so that any box no larger than 2^l + 1 texels lies in the entry at
-//! its first texel, wherever that is. Squares go on beyond the map as the map itself does where it repeats; where it is
-//! clamped or mirrored they are cut off, since boxes are folded into the map before they are asked for.
+//! is 2^(l+1) texels wide: twice the entries' spacing, so that any box no larger than 2^l + 1 texels lies in the entry
+//! at its first texel, wherever that is. Squares go on beyond the map as the map itself does where it repeats; where it
+//! is clamped or mirrored they are cut off, since boxes are folded into the map before they are asked for.
 //!
 //! Level 0, the four texels of a bilinear filter, is read from the map. Levels 1 to [`top_level`] are stored, each
 //! entry in the format of the texels, so that ranges are exact: a third of a map's texels, twice. In words, from
@@ -130,9 +130,9 @@ impl Pyramid<'_> {
 
     /// Entry number `entry` of `level`, from the level below.
     ///
-    /// Its square is twice as wide as those below: four of their spacings, which the entries at the first three spacings
-    /// cover. Where the third one has gone round a repeated border, its square begins before what it has to cover
-    /// and ends as much too early, and a fourth is needed.
+    /// Its square is twice as wide as those below: four of their spacings, which the entries at the first three
+    /// spacings cover. Where the third one has gone round a repeated border, its square begins before what it has to
+    /// cover and ends as much too early, and a fourth is needed.
     #[inline]
     fn below(&self, level: u32, entry: u32) -> TexelRange {
         let (width, height) = (self.map.map_width, self.map.map_height);
@@ -247,20 +247,20 @@ pub fn texel_coordinates(map: &Displacement, uv: Vec2) -> Vec2 {
 
 /// How far texel coordinates, computed from texture coordinates up to `uv` in magnitude by some linear function of the
 /// grid, can lie from those that a micro-vertex reads: u = 2^-24 for each of the 4 roundings of the interpolated
-/// coordinate and 5 of its weights (Vulkan's division), 2 for its reduction, 2 for its scale; for this side's linear function 5
-/// of 1/N times differences of twice the magnitude, and 6 of its own: below 32, all of magnitude |uv| + 1.
+/// coordinate and 5 of its weights (Vulkan's division), 2 for its reduction, 2 for its scale; for this side's linear
+/// function 5 of 1/N times differences of twice the magnitude, and 6 of its own: below 32, all of magnitude |uv| + 1.
 #[inline]
 pub fn texel_error(map: &Displacement, uv: Vec2) -> Vec2 {
     let error = (uv.abs() + Vec2::ONE) * (32.0 * UNIT_ROUNDOFF);
     Vec2::new(error.x * map.map_width as f32, error.y * map.map_height as f32)
 }
 
-/// Largest distance from texel 0 at which texel coordinates are computed with; beyond it they are rounded to more than a
-/// quarter of a texel.
+/// Largest distance from texel 0 at which texel coordinates are computed with; beyond it they are rounded to more than
+/// a quarter of a texel.
 const FARTHEST: f32 = 4_194_304.0;
 
-/// The texels that filters between coordinates `low` and `high` read: all of them where that is more than the map, or too
-/// far out.
+/// The texels that filters between coordinates `low` and `high` read: all of them where that is more than the map, or
+/// too far out.
 #[inline]
 fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
     let (first, last) = (floor(low), floor(high) + 1.0);
@@ -315,10 +315,10 @@ impl Pyramid<'_> {
     }
 
     /// A range that holds what a filter gives between texel coordinates `low` and `high`, to within the rounding that
-    /// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read are
-    /// four texels where they are all, else at most nine, or one to four entries of the lowest level at which two an axis hold
-    /// them all. That range is of a box less than twice as long as the one asked for. A single entry of the next level would do too;
-    /// a descent that reads one visits a third more micro-triangles and takes longer.
+    /// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read
+    /// are four texels where they are all, else at most nine, or one to four entries of the lowest level at which two
+    /// an axis hold them all. That range is of a box less than twice as long as the one asked for. A single entry of
+    /// the next level would do too; a descent that reads one visits a third more micro-triangles and takes longer.
     #[inline]
     pub fn range_between(&self, low: Vec2, high: Vec2) -> TexelRange {
         let Displacement { map_width: width, map_height: height, first_range, .. } = self.map;
@@ -365,9 +365,9 @@ impl Pyramid<'_> {
         range
     }
 
-    /// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there, so
-    /// that its extremes are at the corners of the box. However small the box, the range is as small; that of the texels
-    /// would not be.
+    /// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there,
+    /// so that its extremes are at the corners of the box. However small the box, the range is as small; that of the
+    /// texels would not be.
     #[inline]
     fn bilinear_range(&self, low: Vec2, high: Vec2, x: Stretch, y: Stretch) -> TexelRange {
         let map = self.map;
@@ -405,8 +405,8 @@ const FINENESS: u32 = 3;
 
 /// Bounds on the height of every micro-vertex of `triangle` that its own field decides, whatever N is: the range of the
 /// texels in the box of its texture coordinates, bilinear support included, rounded outward by
-/// [`Displacement::height_range`]. Read from a level so fine that the box overlaps some 2^FINENESS entries a side: what it
-/// adds to the box is little.
+/// [`Displacement::height_range`]. Read from a level so fine that the box overlaps some 2^FINENESS entries a side: what
+/// it adds to the box is little.
 pub fn height_bounds(field: &HeightField<'_>, vertices: &[Vertex], triangle: Triangle) -> (f32, f32) {
     let a = uv_of(vertices, triangle.vertices[0]);
     let b = uv_of(vertices, triangle.vertices[1]);
@@ -423,9 +423,9 @@ fn uv_of(vertices: &[Vertex], i: u32) -> Vec2 {
     Vec2::new(vertex.u, vertex.v)
 }
 
-/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`, read for pixels of up to `span` texels. Of
-/// vector displacement minus and plus the sum of its components' greatest magnitudes: the vector is no longer than that,
-/// whatever unit vectors it is along.
+/// [`height_bounds`] for all texture coordinates between `uv_low` and `uv_high`, read for pixels of up to `span`
+/// texels. Of vector displacement minus and plus the sum of its components' greatest magnitudes: the vector is no
+/// longer than that, whatever unit vectors it is along.
 pub fn uv_box_bounds(
     field: &HeightField<'_>,
     displacement: u32,
@@ -487,10 +487,10 @@ fn map_bounds(
     Displacement::height_range(range.min, range.max, map.zero, map.scale)
 }
 
-/// How far, in texels, the levels up to the one whose texels are `span` wide, a power of two, reach beyond the point that a
-/// filter reads. A texel of theirs is r texels of the map wide, and the filter reads those up to 1.5 r away. Where sides are odd, a
-/// texel is made of parts of such ones of the level before that reach beyond it, these by less than half of r, and so on:
-/// r more in all.
+/// How far, in texels, the levels up to the one whose texels are `span` wide, a power of two, reach beyond the point
+/// that a filter reads. A texel of theirs is r texels of the map wide, and the filter reads those up to 1.5 r away.
+/// Where sides are odd, a texel is made of parts of such ones of the level before that reach beyond it, these by less
+/// than half of r, and so on: r more in all.
 #[inline]
 fn level_support(map: &Displacement, span: f32) -> Vec2 {
     let level = (span.max(1.0).to_bits() >> 23) - 127;

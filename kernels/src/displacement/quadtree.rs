@@ -1,25 +1,25 @@
 //! The exact method: a bounded descent through an implicit quadtree of sub-triangles.
 //!
 //! A node is a sub-triangle of the base triangle's grid: upright or inverted, 2^l cells a side. Its four children are
-//! the three half-sized ones at its corners and the turned one between them; its leaves are nodes of four micro-triangles.
-//! Nothing of it is stored. N need not be a power of two: the root is the smallest node that holds the grid, upright nodes
-//! are cut off at the grid's border, and those beyond it are skipped.
+//! the three half-sized ones at its corners and the turned one between them; its leaves are nodes of four
+//! micro-triangles. Nothing of it is stored. N need not be a power of two: the root is the smallest node that holds the
+//! grid, upright nodes are cut off at the grid's border, and those beyond it are skipped.
 //!
 //! # The bound
 //! Every micro-vertex over a node is p(w) + lift n(w), p and n linear, so that it is a convex combination of the six
 //! points p_c + lift n_c at the node's corners c and the two ends of the lift's range. Lifts are heights, whose range
-//! over the node's texture coordinates the [min/max pyramid](super::height_pyramid) gives in a few reads; for normalised
-//! directions they are divided by |n|, which is no more than its greatest at a corner (it is convex) and no less
-//! than the least n_c . m, m any unit vector, here the direction of the mean normal.
+//! over the node's texture coordinates the [min/max pyramid](super::height_pyramid) gives in a few reads; for
+//! normalised directions they are divided by |n|, which is no more than its greatest at a corner (it is convex) and no
+//! less than the least n_c . m, m any unit vector, here the direction of the mean normal.
 //!
 //! The six points are taken in a frame of the ray: z along it, y across it and the mean normal, x across both. The ray,
 //! there the z axis, misses the micro-triangles over the node where the points' box in that frame, grown by all that
 //! rounding can move a micro-vertex or a point by, misses the axis: y parts the node's column from the ray as the
 //! grid walk does, x parts its heights from it, and z orders nodes and ends rays.
 //!
-//! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them. On an
-//! edge of fewer parts than the triangle ([`Subdivisions`](super::subdivisions::Subdivisions)) they move along it; nodes there
-//! include the stretch of the edge that theirs can reach.
+//! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them. On
+//! an edge of fewer parts than the triangle ([`Subdivisions`](super::subdivisions::Subdivisions)) they move along it;
+//! nodes there include the stretch of the edge that theirs can reach.
 //!
 //! Vectors have a range for each axis, and so a bound of their own: `vector_bounds.rs`.
 //!
@@ -44,8 +44,8 @@ use glam::{Vec2, Vec3, Vec4};
 
 /// Where a ray is in the quadtree of a base triangle.
 ///
-/// A ray goes a few nodes at a time, so that the rays of a subgroup need not wait, prism after prism, for the one that has the most
-/// to do in its own: each takes up its next prism while others are still within theirs.
+/// A ray goes a few nodes at a time, so that the rays of a subgroup need not wait, prism after prism, for the one that
+/// has the most to do in its own: each takes up its next prism while others are still within theirs.
 ///
 /// Equal to brute force on every ray. Cost: O(log N) nodes where the ray crosses the relief at one place, O(N) where it
 /// runs within it.
@@ -59,8 +59,8 @@ pub struct Descent {
     node: Node,
 }
 
-/// How many nodes a ray tests before it is looked whether rays beside it wait for another prism. Few make the search for
-/// prisms, which takes as long as some nodes, stand still for; many make rays wait that are through with theirs.
+/// How many nodes a ray tests before it is looked whether rays beside it wait for another prism. Few make the search
+/// for prisms, which takes as long as some nodes, stand still for; many make rays wait that are through with theirs.
 const NODES_AT_A_TIME: u32 = 4;
 
 impl Descent {
@@ -92,8 +92,8 @@ impl Descent {
         self.cut
     }
 
-    /// Tests the next nodes, up to the first leaf, and the micro-triangles of that: the nearer of `nearest` and the ray's hits on
-    /// them. With `any` a hit ends the descent.
+    /// Tests the next nodes, up to the first leaf, and the micro-triangles of that: the nearer of `nearest` and the
+    /// ray's hits on them. With `any` a hit ends the descent.
     #[inline]
     pub fn advance(
         &mut self,
@@ -129,8 +129,8 @@ impl Descent {
     }
 }
 
-/// Cells a side of the nodes that are not divided: their four micro-triangles share six micro-vertices, which costs less
-/// than four more bounds and some nine micro-vertices of those that pass.
+/// Cells a side of the nodes that are not divided: their four micro-triangles share six micro-vertices, which costs
+/// less than four more bounds and some nine micro-vertices of those that pass.
 const LEAF_SIDE: u32 = 2;
 
 /// The nearer of `nearest` and the ray's hits on the micro-triangles of a node of one or two cells a side.
@@ -199,8 +199,8 @@ impl Node {
         Node { j: 0, k: 0, side: n.next_power_of_two(), inverted: false, path: ROOT }
     }
 
-    /// The node after this one, of those that hold some of the grid's cells: its first child where it is to `descend`, else
-    /// its next sibling, or that of the first ancestor that has one. One whose path is [`NONE`] behind the last.
+    /// The node after this one, of those that hold some of the grid's cells: its first child where it is to `descend`,
+    /// else its next sibling, or that of the first ancestor that has one. One whose path is [`NONE`] behind the last.
     #[inline]
     fn next(self, order: Order, descend: bool, n: u32) -> Node {
         let mut node = self;
@@ -256,8 +256,8 @@ impl Node {
         }
     }
 
-    /// Grid point `i` of a leaf. Of an upright one (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2) from its corner on; an
-    /// inverted one is the image in a point of an upright one.
+    /// Grid point `i` of a leaf. Of an upright one (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2) from its corner on;
+    /// an inverted one is the image in a point of an upright one.
     #[inline]
     fn leaf_point(self, i: u32) -> (u32, u32) {
         // Two bits each.
@@ -338,8 +338,8 @@ impl Node {
         [point_on_edge(e, start, field.subdivisions), point_on_edge(e, end, field.subdivisions)]
     }
 
-    /// Which corners of the base triangle some of its grid points are displaced over: bit e is for corner e. `touched`: its
-    /// [`edges_touched`](Self::edges_touched).
+    /// Which corners of the base triangle some of its grid points are displaced over: bit e is for corner e. `touched`:
+    /// its [`edges_touched`](Self::edges_touched).
     #[inline]
     pub(super) fn corners_reached(self, touched: u32, field: &HeightField<'_>) -> u32 {
         if field.is_adaptive() {
@@ -591,15 +591,14 @@ impl Prism {
         let reach = base.reach(field);
         let size = max_abs(a).max(max_abs(b)).max(max_abs(c)) + reach;
         let coordinate = max_abs(base.p0).max(max_abs(base.p1)).max(max_abs(base.p2)) + reach;
-        // Relative to the ray rounding moves a micro-vertex by: interpolation (3 fused operations on weights that Vulkan's
-        // division leaves off by 3 u) and lift, 10 u of the largest coordinate; translation, shear and its division in
-        // the triangle test, 6 u of the distance; the origin here, 2 u of itself and of the distance to it.
+        // Relative to the ray rounding moves a micro-vertex by: interpolation (3 fused operations on weights that
+        // Vulkan's division leaves off by 3 u) and lift, 10 u of the largest coordinate; translation, shear and its
+        // division in the triangle test, 6 u of the distance; the origin here, 2 u of itself and of the distance to it.
         let distance = t_origin.abs() + size;
         let moved = 10.0 * coordinate + 8.0 * distance + 2.0 * max_abs(origin);
         // A point of the bound is off by the frame's axes (4 u, not quite at right angles), their products (5 u), the
-        // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's size.
-        // Lifts of caps and seams reach up to ten heights.
-        // Vectors have more, as counted there.
+        // linear function (6 u) and the lift (12 u, with the root and divisions that it takes), all of the prism's
+        // size. Lifts of caps and seams reach up to ten heights. Vectors have more, as counted there.
         let (of_reach, of_coordinate) = if field.is_vector() {
             (vector_bounds::ROUNDINGS_OF_REACH, vector_bounds::ROUNDINGS_OF_COORDINATE)
         } else {
@@ -687,8 +686,9 @@ impl Prism {
         RayFrame::new(self.y, ray.direction, self.origin)
     }
 
-    /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
-    /// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches.
+    /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a
+    /// border of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it
+    /// touches.
     #[inline]
     fn bounds(
         &self,
@@ -705,8 +705,8 @@ impl Prism {
             return vector_bounds::of_node(field, &base, frame, node, has_seams, coarse, self.margin);
         }
         let mut bounds = Bounds::EMPTY;
-        // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel once; left
-        // from its end, so that where no edge is coarse a compiler sees that there is no second turn.
+        // The node itself, then the coarse edges' stretches. A loop, so that the code of a hull stands in a kernel
+        // once; left from its end, so that where no edge is coarse a compiler sees that there is no second turn.
         let mut part = 0;
         loop {
             let mut corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
@@ -730,8 +730,8 @@ impl Prism {
         }
     }
 
-    /// The box of every micro-vertex over the triangle of three grid points, or between two, that is displaced by its own
-    /// height along its own normal.
+    /// The box of every micro-vertex over the triangle of three grid points, or between two, that is displaced by its
+    /// own height along its own normal.
     #[inline]
     fn hull(&self, field: &HeightField<'_>, corners: [(u32, u32); 3]) -> Bounds {
         let [(j0, k0), (j1, k1), (j2, k2)] = corners;
@@ -840,8 +840,9 @@ pub(super) fn farthest(eye: Vec3, a: Vec3, b: Vec3, c: Vec3) -> f32 {
     sqrt(dot(a, a).max(dot(b, b)).max(dot(c, c)))
 }
 
-/// Bounds on the heights that `map` gives by its levels over points up to `distance` from the eye, with texels no smaller than
-/// `texel`, from those on what it gives itself there: a level is a mean of other texels too, but differs by little.
+/// Bounds on the heights that `map` gives by its levels over points up to `distance` from the eye, with texels no
+/// smaller than `texel`, from those on what it gives itself there: a level is a mean of other texels too, but differs
+/// by little.
 #[inline]
 pub(super) fn filtered_range(
     field: &HeightField<'_>,
@@ -872,8 +873,8 @@ impl Lifts {
         let along = dot(n0, mean).min(dot(n1, mean)).min(dot(n2, mean));
         let shortest = along / sqrt(dot(mean, mean));
         let longest = sqrt(dot(n0, n0).max(dot(n1, n1)).max(dot(n2, n2)));
-        // Normals are off by some 10 u, axes of vectors by 39 u: above the threshold a relative 156 u, and as much for all that
-        // follows is less than the 336 u here.
+        // Normals are off by some 10 u, axes of vectors by 39 u: above the threshold a relative 156 u, and as much for
+        // all that follows is less than the 336 u here.
         let (shortest, longest) = (shortest * (1.0 - 2e-5), longest * (1.0 + 2e-5));
         Lifts {
             min: least / if least < 0.0 { shortest } else { longest },
@@ -1024,7 +1025,8 @@ mod tests {
         compare_in(&ADAPTIVE_VECTOR_MODES, 15, 5_000, 0.3, 0.3, 30);
     }
 
-    /// How a triangle is cut: into 1 to `most` parts, where N is adaptive a power of two with any steps along its edges.
+    /// How a triangle is cut: into 1 to `most` parts, where N is adaptive a power of two with any steps along its
+    /// edges.
     fn random_cut(numbers: &mut Numbers, mode: Features, most: u32) -> Subdivisions {
         let share = numbers.unit();
         if mode.adaptive == 0 {
@@ -1105,8 +1107,9 @@ mod tests {
         positions
     }
 
-    /// A million nodes: every micro-vertex, and so every point of the micro-triangles between them, lies in the bound. And
-    /// the bound is of use: its mean volume against that of the box of the micro-vertices is what EXACTNESS.md states.
+    /// A million nodes: every micro-vertex, and so every point of the micro-triangles between them, lies in the bound.
+    /// And the bound is of use: its mean volume against that of the box of the micro-vertices is what EXACTNESS.md
+    /// states.
     #[test]
     fn bounds_hold_every_micro_vertex_and_are_tight() {
         // 3.1 is measured, 1.46 an axis; the rest is room for other random numbers.
@@ -1125,8 +1128,8 @@ mod tests {
         assert_bounds_hold(&ADAPTIVE_VECTOR_MODES, 8, 4_000, 100.0);
     }
 
-    /// 50 nodes of each of so many prisms in some modes by turns. `most_volume`: what their mean volume may be against that of the box of their
-    /// micro-vertices.
+    /// 50 nodes of each of so many prisms in some modes by turns. `most_volume`: what their mean volume may be against
+    /// that of the box of their micro-vertices.
     fn assert_bounds_hold(modes: &[Features], seed: u32, prisms: usize, most_volume: f64) {
         let mut numbers = Numbers::new(seed);
         let (mut checked, mut unbounded) = (0, 0);

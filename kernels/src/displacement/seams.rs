@@ -7,11 +7,12 @@ use crate::math::{Sum, UNIT_ROUNDOFF};
 use glam::Vec2;
 
 /// `seams` with its heights decided by the maps of `field`: at each decided corner the mean of its readings, along each
-/// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are. Of vector displacement
-/// bounds on lengths at both.
+/// seam the range of its micro-vertices' heights. Those of other corners and edges stay as they are. Of vector
+/// displacement bounds on lengths at both.
 ///
-/// Every entry at a corner reads the same sides in the same order, so that all have the same bits. Where maps are filtered
-/// by their levels corners are read by each view for itself, and their heights here are those of the maps themselves.
+/// Every entry at a corner reads the same sides in the same order, so that all have the same bits. Where maps are
+/// filtered by their levels corners are read by each view for itself, and their heights here are those of the maps
+/// themselves.
 pub fn decide_seams(field: &HeightField<'_>, seams: Seams) -> Seams {
     let mut decided = seams;
     let mut e = 0;
@@ -62,7 +63,8 @@ fn height_range(field: &HeightField<'_>, first: u32, count: u32) -> (f32, f32) {
         magnitude = magnitude.max(range.0.abs()).max(range.1.abs());
         i += 1;
     }
-    // A micro-vertex's mean takes a rounding for each side and 2.5 ulp, 5 roundings, for the division; then the means here.
+    // A micro-vertex's mean takes a rounding for each side and 2.5 ulp, 5 roundings, for the division; then the means
+    // here.
     let roundings = 5 + count + Sum::mean_roundings(count);
     let error = magnitude * UNIT_ROUNDOFF * roundings as f32;
     (low.mean(count) - error, high.mean(count) + error)

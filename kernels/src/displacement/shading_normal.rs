@@ -29,12 +29,12 @@ pub(super) struct Derivatives {
 
 impl BaseTriangle {
     /// Unit normal, to the outside of the base mesh, of the displaced surface at barycentric coordinates `w`; `ng`, the
-    /// micro-triangle's there, where the surface has none: where its two derivatives are parallel or not finite, and where
-    /// interpolated normals cancel, so that there is no direction to displace in.
+    /// micro-triangle's there, where the surface has none: where its two derivatives are parallel or not finite, and
+    /// where interpolated normals cancel, so that there is no direction to displace in.
     ///
-    /// The surface is S = P + h d with d = n / |n| for normalised directions, d = n for linear ones, P and n interpolated,
-    /// h the filtered height at the interpolated texture coordinates t. Its derivative along a barycentric direction,
-    /// from vertex 0 to vertex 1 or 2, is
+    /// The surface is S = P + h d with d = n / |n| for normalised directions, d = n for linear ones, P and n
+    /// interpolated, h the filtered height at the interpolated texture coordinates t. Its derivative along a
+    /// barycentric direction, from vertex 0 to vertex 1 or 2, is
     ///
     ///   S' = P' + h d' + h' d,  h' = grad h · t',  d' = (n' - d (d · n')) / |n| or n',
     ///
@@ -43,8 +43,8 @@ impl BaseTriangle {
     ///
     ///   A × B + h'_1 (d × B) + h'_2 (A × d),  A = P'_1 + h d'_1,  B = P'_2 + h d'_2.
     ///
-    /// Where maps are filtered by their levels, h' leaves out that the level changes along the surface: by less than 0.7
-    /// times the angle of a pixel, since levels differ by less than half a pixel.
+    /// Where maps are filtered by their levels, h' leaves out that the level changes along the surface: by less than
+    /// 0.7 times the angle of a pixel, since levels differ by less than half a pixel.
     ///
     /// It is that of the triangle's own height field, also where a seam decides heights and directions at its border.
     /// A triangle of no extent in the map has h' = 0. `ng` may lie on the other side, or more than a right angle away,

@@ -50,8 +50,8 @@ impl Viewpoint {
         }
     }
 
-    /// The same in an instance's object space. Where its transform stretches unevenly a length in the world is as much longer as
-    /// it may be.
+    /// The same in an instance's object space. Where its transform stretches unevenly a length in the world is as much
+    /// longer as it may be.
     #[inline]
     pub fn within(self, instance: &Instance) -> Viewpoint {
         let stretch = instance.stretch;
@@ -82,8 +82,8 @@ impl Viewpoint {
         }
     }
 
-    /// How often an edge of a squared length is halved: until no part is longer than `detail` allows at the least distance
-    /// that anything displaced from the box `low` to `high` can have.
+    /// How often an edge of a squared length is halved: until no part is longer than `detail` allows at the least
+    /// distance that anything displaced from the box `low` to `high` can have.
     #[inline]
     fn halvings(&self, squared_length: f32, low: Vec3, high: Vec3) -> u32 {
         let beside = (low - self.eye).max(self.eye - high) - Vec3::splat(self.reach);
@@ -120,8 +120,8 @@ impl Subdivisions {
         Subdivisions { triangle: n, steps: [1, 1, 1] }
     }
 
-    /// The grid point whose micro-vertex grid point (j, k) has: on an edge of fewer parts the nearest one of the edge's, of
-    /// two the one farther from its start, elsewhere itself. Corners stay.
+    /// The grid point whose micro-vertex grid point (j, k) has: on an edge of fewer parts the nearest one of the
+    /// edge's, of two the one farther from its start, elsewhere itself. Corners stay.
     #[inline]
     pub fn snapped(&self, j: u32, k: u32) -> (u32, u32) {
         let n = self.triangle;
@@ -214,8 +214,8 @@ mod tests {
         }
     }
 
-    /// Whatever the place, the size and the order of corners: both triangles at an edge have its number, and none has fewer parts than
-    /// its edges.
+    /// Whatever the place, the size and the order of corners: both triangles at an edge have its number, and none has
+    /// fewer parts than its edges.
     #[test]
     fn triangles_agree_on_their_edge() {
         let mut numbers = Numbers::new(92);

@@ -40,7 +40,8 @@ pub struct HeightField<'a> {
     wrap: u32,
     /// Whether directions are unit vectors: see [`normals`].
     pub normals: u32,
-    /// N: parts of each side of a base triangle. Where it is adaptive that of one, see [`of_triangle`](Self::of_triangle).
+    /// N: parts of each side of a base triangle. Where it is adaptive that of one, see
+    /// [`of_triangle`](Self::of_triangle).
     pub subdivisions: u32,
     /// [`Subdivisions::steps`] of that triangle; not read unless N is adaptive.
     steps: [u32; 3],
@@ -79,15 +80,15 @@ impl Pixel {
     }
 }
 
-/// The side of a pixel from which on levels of `map` are read, in model units: that of a texel, or more where the relief is
-/// so rough that levels would be off by half a pixel.
+/// The side of a pixel from which on levels of `map` are read, in model units: that of a texel, or more where the
+/// relief is so rough that levels would be off by half a pixel.
 #[inline]
 fn finest(map: &Displacement, texel: f32) -> f32 {
     texel.max(ROUGHNESS_SIDES * (map.scale * map.roughness).abs())
 }
 
-/// How many times its roughness a pixel must be wide: then a level's filtered heights, which differ from the map's by the
-/// roughness times the texels that the pixel covers, differ by less than [`MOST_ERROR`] pixels.
+/// How many times its roughness a pixel must be wide: then a level's filtered heights, which differ from the map's by
+/// the roughness times the texels that the pixel covers, differ by less than [`MOST_ERROR`] pixels.
 const ROUGHNESS_SIDES: f32 = 2.2;
 /// What levels change heights by, in pixels: above 1 / [`ROUGHNESS_SIDES`] by a tenth, for what is rounded.
 const MOST_ERROR: f32 = 0.5;
@@ -133,7 +134,8 @@ impl<'a> HeightField<'a> {
         Vec2::new(scale.size, scale.span)
     }
 
-    /// How many texels a side pixels cover at vertex number `i` at the most; 1 where maps are not filtered by their levels.
+    /// How many texels a side pixels cover at vertex number `i` at the most; 1 where maps are not filtered by their
+    /// levels.
     #[inline]
     pub(super) fn span(&self, i: u32) -> f32 {
         if self.filter == filter::BILINEAR { 1.0 } else { self.texel_scale(i).y }
@@ -146,15 +148,15 @@ impl<'a> HeightField<'a> {
         self.texel_scale(a).x.min(self.texel_scale(b).x).min(self.texel_scale(c).x)
     }
 
-    /// A bound on the side of pixels on the displaced surface over points at `distance` from the eye, from below: one that is
-    /// displaced towards it is as much nearer.
+    /// A bound on the side of pixels on the displaced surface over points at `distance` from the eye, from below: one
+    /// that is displaced towards it is as much nearer.
     #[inline]
     fn pixel_side(&self, distance: f32) -> f32 {
         self.viewpoint.pixel * (distance - self.viewpoint.reach).max(0.0)
     }
 
-    /// The pixel over the point `p` of a base triangle or of its edge, with barycentric coordinates `w` and these vertices: from
-    /// what both triangles at an edge know.
+    /// The pixel over the point `p` of a base triangle or of its edge, with barycentric coordinates `w` and these
+    /// vertices: from what both triangles at an edge know.
     #[inline]
     pub(super) fn pixel_at(&self, p: Vec3, w: Vec3, vertices: [u32; 3]) -> Pixel {
         if self.filter == filter::BILINEAR {
@@ -169,8 +171,8 @@ impl<'a> HeightField<'a> {
         Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span } }
     }
 
-    /// By how much filtered heights of `map` can differ from those of the map itself over points that are no farther from the
-    /// eye than `distance`; 0 where no level is read there. `texel` is the least size of texels there.
+    /// By how much filtered heights of `map` can differ from those of the map itself over points that are no farther
+    /// from the eye than `distance`; 0 where no level is read there. `texel` is the least size of texels there.
     #[inline]
     pub(super) fn filter_error(&self, map: &Displacement, distance: f32, texel: f32) -> f32 {
         // Distances are computed in other ways than a micro-vertex's own, off by some 20 u.
@@ -179,8 +181,8 @@ impl<'a> HeightField<'a> {
         if !(side <= finest(map, texel)) { MOST_ERROR * side } else { 0.0 }
     }
 
-    /// The height field as base triangle `primitive` is cut and seen in instance number `instance`, which is not read where there
-    /// are none. What concerns micro-triangles takes this one.
+    /// The height field as base triangle `primitive` is cut and seen in instance number `instance`, which is not read
+    /// where there are none. What concerns micro-triangles takes this one.
     #[inline]
     pub fn of_triangle(self, scene: &SceneView<'_>, primitive: u32, instance: u32) -> Self {
         let field = self.within(scene, instance);
@@ -193,7 +195,8 @@ impl<'a> HeightField<'a> {
         field.cut(cut)
     }
 
-    /// The height field of [`of_triangle`](Self::of_triangle) for one whose cut is known; not read unless N is adaptive.
+    /// The height field of [`of_triangle`](Self::of_triangle) for one whose cut is known; not read unless N is
+    /// adaptive.
     #[inline]
     pub fn of_cut_triangle(self, scene: &SceneView<'_>, cut: Subdivisions, instance: u32) -> Self {
         let field = self.within(scene, instance);
@@ -204,7 +207,8 @@ impl<'a> HeightField<'a> {
     /// The height field as it is seen in instance number `instance`.
     #[inline]
     fn within(self, scene: &SceneView<'_>, instance: u32) -> Self {
-        // Not a choice between two height fields: what is copied as a whole is not known field by field, constants among it.
+        // Not a choice between two height fields: what is copied as a whole is not known field by field, constants
+        // among it.
         let mut viewpoint = self.viewpoint;
         if self.is_placed && (self.is_adaptive || self.is_filtered()) {
             viewpoint = viewpoint.within(&at(scene.instances, instance));
@@ -212,7 +216,8 @@ impl<'a> HeightField<'a> {
         HeightField { viewpoint, ..self }
     }
 
-    /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same everywhere.
+    /// The height field of a base triangle that is cut in this way; N must be adaptive unless it is cut the same
+    /// everywhere.
     #[inline]
     pub fn cut(self, cut: Subdivisions) -> Self {
         HeightField { subdivisions: cut.triangle, steps: cut.steps, ..self }
@@ -227,8 +232,8 @@ impl<'a> HeightField<'a> {
         }
     }
 
-    /// Barycentric coordinates of the point over which grid point (j, k) is displaced: its own, but for those on edges of fewer
-    /// parts than the triangle ([`Subdivisions::snapped`]).
+    /// Barycentric coordinates of the point over which grid point (j, k) is displaced: its own, but for those on edges
+    /// of fewer parts than the triangle ([`Subdivisions::snapped`]).
     #[inline]
     pub fn weights(&self, j: u32, k: u32) -> Vec3 {
         let n = self.subdivisions;
@@ -240,8 +245,8 @@ impl<'a> HeightField<'a> {
         }
     }
 
-    /// The root of how many times the base triangle is as large as a cell in barycentric coordinates: N, but for cells at edges
-    /// of fewer parts. Infinite where such a cell has no area.
+    /// The root of how many times the base triangle is as large as a cell in barycentric coordinates: N, but for cells
+    /// at edges of fewer parts. Infinite where such a cell has no area.
     #[inline]
     pub fn parts(&self, cell: Cell) -> f32 {
         let n = self.subdivisions as f32;
@@ -328,9 +333,9 @@ impl<'a> HeightField<'a> {
         texels.gradient(finest, uv, self.detail(map, pixel)) * map.scale
     }
 
-    /// By what a direction interpolated between unit vectors is multiplied to displace by `height`: the height itself for
-    /// linear directions. For normalised ones it is the height divided by the direction's length, and 0 where that is zero
-    /// or all but, since there is no direction to displace in.
+    /// By what a direction interpolated between unit vectors is multiplied to displace by `height`: the height itself
+    /// for linear directions. For normalised ones it is the height divided by the direction's length, and 0 where that
+    /// is zero or all but, since there is no direction to displace in.
     #[inline]
     pub fn lift(&self, height: f32, direction: Vec3) -> f32 {
         if self.normals == normals::LINEAR {
@@ -343,8 +348,8 @@ impl<'a> HeightField<'a> {
 }
 
 impl Displacement {
-    /// Bounds on every height that filtered texels in [`lowest`, `highest`] can give: rounded outward by the errors of the
-    /// filter (4 ulp, see [`HeightTexels::sample`]), of the two operations after it, and of a filter that the range
+    /// Bounds on every height that filtered texels in [`lowest`, `highest`] can give: rounded outward by the errors of
+    /// the filter (4 ulp, see [`HeightTexels::sample`]), of the two operations after it, and of a filter that the range
     /// may come from (3 ulp).
     #[inline]
     pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
@@ -477,8 +482,8 @@ impl BaseTriangle {
         at(field.seams, self.seams)
     }
 
-    /// The micro-vertex over grid point (j, k), at `p + lift * n`, p and n interpolated linearly over the base triangle. The
-    /// lift is the [height's](HeightField::lift). Vectors displace it as [`vector`] says.
+    /// The micro-vertex over grid point (j, k), at `p + lift * n`, p and n interpolated linearly over the base
+    /// triangle. The lift is the [height's](HeightField::lift). Vectors displace it as [`vector`] says.
     ///
     /// Every operation is fused or fixed in order, and [`interpolate`] drops the vertex across an edge, so both
     /// base triangles at an edge compute its micro-vertices to the same bits: from the vertices where they share them,
@@ -497,8 +502,8 @@ impl BaseTriangle {
         }
     }
 
-    /// [`micro_vertex`](Self::micro_vertex) by a height, at barycentric coordinates `w` over the point `p`. `on_seam`: whether
-    /// `w` is on the border and some of that is decided with neighbours.
+    /// [`micro_vertex`](Self::micro_vertex) by a height, at barycentric coordinates `w` over the point `p`. `on_seam`:
+    /// whether `w` is on the border and some of that is decided with neighbours.
     #[inline]
     fn lifted(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, on_seam: bool) -> Vec3 {
         let mut site = Site { direction: interpolate(w, self.n0, self.n1, self.n2), height: 0.0, own: true };
@@ -513,8 +518,8 @@ impl BaseTriangle {
         fma3(field.lift(h, site.direction), site.direction, p)
     }
 
-    /// What decides the micro-vertex at `w`, a point of the triangle's border over `p`; `inner` where that is the triangle
-    /// itself.
+    /// What decides the micro-vertex at `w`, a point of the triangle's border over `p`; `inner` where that is the
+    /// triangle itself.
     fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, inner: Site) -> Site {
         let seams = self.seams(field);
         let corner = corner_at(w);
@@ -619,8 +624,8 @@ impl BaseTriangle {
 
     /// A box that holds every micro-triangle.
     ///
-    /// Of vector displacement the bound that the quadtree has of the whole triangle, and the base triangle's box grown by the
-    /// greatest length (axes are no longer than unit vectors).
+    /// Of vector displacement the bound that the quadtree has of the whole triangle, and the base triangle's box grown
+    /// by the greatest length (axes are no longer than unit vectors).
     ///
     /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
     /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
@@ -687,8 +692,8 @@ impl BaseTriangle {
         flat.padded(28.0 * UNIT_ROUNDOFF * magnitude)
     }
 
-    /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its greatest
-    /// coordinate.
+    /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its
+    /// greatest coordinate.
     fn vector_bounds(&self, field: &HeightField<'_>, flat: Aabb, magnitude: f32) -> Aabb {
         let reach = self.reach(field);
         // Two more fused operations than heights take; the mean of a seam's sides is in its bound.
@@ -952,9 +957,8 @@ mod tests {
         }
     }
 
-    /// The same where maps are filtered by their levels. From no eye a level changes a height, or a vector's component, by more than half a
-    /// pixel,
-    /// and from some it does change it.
+    /// The same where maps are filtered by their levels. From no eye a level changes a height, or a vector's component,
+    /// by more than half a pixel, and from some it does change it.
     #[test]
     fn every_filtered_micro_vertex_lies_in_the_bounds_and_near_the_map() {
         let mut numbers = Numbers::new(27);

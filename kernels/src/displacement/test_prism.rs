@@ -46,7 +46,8 @@ impl Prism {
         Prism { scene, kind: displacement_kind::HEIGHT, filter: filter::BILINEAR }.prepared()
     }
 
-    /// The same displaced by vectors: two more maps of its map's size, and tangents that lean as normals do, by `spread`.
+    /// The same displaced by vectors: two more maps of its map's size, and tangents that lean as normals do, by
+    /// `spread`.
     pub(crate) fn with_vectors(mut self, numbers: &mut Numbers, kind: u32, spread: f32) -> Self {
         let scene = &mut self.scene;
         for _ in 0..2 {
@@ -193,8 +194,8 @@ impl TestScene {
     }
 }
 
-/// Random rays: from outside, from inside the prism, grazing; with `adversarial` a fifth of them aimed at micro-vertices and
-/// micro-edges, and a fifth along the normal, half of these exactly.
+/// Random rays: from outside, from inside the prism, grazing; with `adversarial` a fifth of them aimed at
+/// micro-vertices and micro-edges, and a fifth along the normal, half of these exactly.
 pub(crate) fn random_ray(
     prism: &Prism,
     field: &HeightField<'_>,

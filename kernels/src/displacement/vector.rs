@@ -2,10 +2,10 @@
 //! and the normal, or x, y and z. So the surface may hang over, and fold back under itself.
 //!
 //! Tangents, bitangents and normals are given at vertices and interpolated linearly, each for itself. What becomes of
-//! normals under heights becomes of all three here (formula (4) leaves it open): where directions are normalised they are
-//! unit vectors again, so that components keep their meaning as lengths, and a vector is no longer than its components
-//! together, also where normals cancel. So a vector along the normal alone gives the micro-vertex of the same
-//! height to the bit.
+//! normals under heights becomes of all three here (formula (4) leaves it open): where directions are normalised they
+//! are unit vectors again, so that components keep their meaning as lengths, and a vector is no longer than its
+//! components together, also where normals cancel. So a vector along the normal alone gives the micro-vertex of the
+//! same height to the bit.
 //!
 //! On seams the vectors of all sides are averaged, each along the axes that its side interpolates.
 
@@ -172,7 +172,8 @@ fn displaced(field: &HeightField<'_>, source: Source, w: Vec3, pixel: Pixel, sta
 
 /// [`BaseTriangle::shading_normal`] of a surface that vectors displace: S = P + sum over axes of h a / |a|, or h a for
 /// linear directions and in object space, whose derivatives add h' a / |a| + h (a' - a (a · a') / |a|²) / |a| for each.
-/// The normal is their cross product; `ng` where they are parallel or not finite, and an axis that vanishes adds nothing.
+/// The normal is their cross product; `ng` where they are parallel or not finite, and an axis that vanishes adds
+/// nothing.
 #[inline]
 pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng: Vec3) -> Vec3 {
     let source = Source::of_triangle(base);
@@ -223,7 +224,8 @@ mod tests {
     use crate::scene::Features;
     use crate::test_scene::{FLAT, TestScene};
 
-    /// A triangle with leaning normals and tangents, whose vectors are linear in u and v but for kinks on texel centres.
+    /// A triangle with leaning normals and tangents, whose vectors are linear in u and v but for kinks on texel
+    /// centres.
     fn bent(numbers: &mut Numbers) -> TestScene {
         let mut scene = TestScene::squares(&[0.0]);
         let lean = |numbers: &mut Numbers, v: Vec3| (v + numbers.vec3() * 0.3).normalize();
@@ -283,8 +285,8 @@ mod tests {
                 continue;
             }
             let normal = shading_normal(&field, &base, w, Vec3::ZERO);
-            // Points are of size 2 and off by some 10 u: the slopes by 3e-4; third derivatives of unit vectors that lean so
-            // little are below 10, which the square of the step makes as much.
+            // Points are of size 2 and off by some 10 u: the slopes by 3e-4; third derivatives of unit vectors that
+            // lean so little are below 10, which the square of the step makes as much.
             let off = normal.dot(s1).abs().max(normal.dot(s2).abs());
             assert!(off < 1e-3 && (normal.length() - 1.0).abs() < 1e-5, "{off} in round {round}: {normal}");
         }

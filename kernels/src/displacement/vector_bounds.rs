@@ -1,14 +1,14 @@
 //! The bound on the micro-vertices over a node of the [quadtree](super::quadtree) that vectors displace.
 //!
-//! Such a micro-vertex is p(w) + sum over axes of lift_a a(w), p and the axes a linear, so for fixed lifts it is a convex
-//! combination of these sums at the node's three corners. A lift is a height divided by |a| (or as it is), and lies in a
-//! range as it does for heights: each map's pyramid gives one. So every micro-vertex lies in the box around three boxes,
-//! one at each corner: the corner's point and, component by component, all that lifts within their ranges can
-//! add to it. Where an axis may vanish its unit vector may point anywhere. The frame is that of the ray.
+//! Such a micro-vertex is p(w) + sum over axes of lift_a a(w), p and the axes a linear, so for fixed lifts it is a
+//! convex combination of these sums at the node's three corners. A lift is a height divided by |a| (or as it is), and
+//! lies in a range as it does for heights: each map's pyramid gives one. So every micro-vertex lies in the box around
+//! three boxes, one at each corner: the corner's point and, component by component, all that lifts within their ranges
+//! can add to it. Where an axis may vanish its unit vector may point anywhere. The frame is that of the ray.
 //!
-//! On seams it is the mean of such sums over the sides, each with its own axes and ranges, over the seam's stretch in the node:
-//! the boxes at its two ends are the means of the sides' boxes. Where an edge that is none has fewer parts than the triangle,
-//! the stretch that micro-vertices of the node are moved to is bounded as the node itself.
+//! On seams it is the mean of such sums over the sides, each with its own axes and ranges, over the seam's stretch in
+//! the node: the boxes at its two ends are the means of the sides' boxes. Where an edge that is none has fewer parts
+//! than the triangle, the stretch that micro-vertices of the node are moved to is bounded as the node itself.
 
 use crate::barycentric::{interpolate, interpolate2};
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
@@ -19,20 +19,20 @@ use crate::interface::{Displacement, displacement_kind, normals};
 use glam::Vec3;
 
 /// How much of [`BaseTriangle::reach`], in unit roundoffs, is in the margin of bounds. The reach is the sum of three
-/// magnitudes; lifts that are bounded are up to four times as great. An axis at a corner is off by 3 u where it is the cross
-/// product of two, by 27 u from interpolation with weights whose magnitudes add up to 3 at the most (beyond the grid's border), by
-/// 4 u and 5 u from the ray's frame, and its lift by 12 u: 204 u of the magnitude. A micro-vertex interpolates the
-/// axis with an error of 9 u, which its lift makes 36 u of the magnitude where it is bounded, and the height's division
-/// and the sums come to 16 u; sides are averaged by 3 u, here and there.
+/// magnitudes; lifts that are bounded are up to four times as great. An axis at a corner is off by 3 u where it is the
+/// cross product of two, by 27 u from interpolation with weights whose magnitudes add up to 3 at the most (beyond the
+/// grid's border), by 4 u and 5 u from the ray's frame, and its lift by 12 u: 204 u of the magnitude. A micro-vertex
+/// interpolates the axis with an error of 9 u, which its lift makes 36 u of the magnitude where it is bounded, and the
+/// height's division and the sums come to 16 u; sides are averaged by 3 u, here and there.
 pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
-/// The same of the largest coordinate, in addition to what heights have: a point of the bound is interpolated in the world, with
-/// weights off by 6 u and 3 u of operations, whose magnitudes add up to 3 at the most; its micro-vertex takes two more fused
-/// operations, twice counted.
+/// The same of the largest coordinate, in addition to what heights have: a point of the bound is interpolated in the
+/// world, with weights off by 6 u and 3 u of operations, whose magnitudes add up to 3 at the most; its micro-vertex
+/// takes two more fused operations, twice counted.
 pub(super) const ROUNDINGS_OF_COORDINATE: f32 = 32.0;
 
 /// The box in the frame of every micro-vertex over a node, without the margin. `has_seams`: whether it is at a border
-/// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches. `margin`:
-/// what distances to the eye are off by, where maps are filtered by their levels.
+/// of which some is decided with neighbours. `coarse`: the edges of fewer parts than the triangle that it touches.
+/// `margin`: what distances to the eye are off by, where maps are filtered by their levels.
 pub(super) fn of_node(
     field: &HeightField<'_>,
     base: &BaseTriangle,

@@ -4,23 +4,25 @@
 //! desktop from drawing. None should take more than 50 ms where cutting can achieve it: the pacer aims at 20, so
 //! that a submission may be two and a half times as dear as expected.
 //!
-//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are beside it: its
-//! *tail*. Each part of a cut one takes as long, so that on a device that runs 10^5 items side by side a pass in thirty parts
-//! takes thirty times as long as in one. What cutting shortens is what comes on top: the *work*, in proportion to the
-//! items. Two submissions of different sizes tell one from the other, and a submission gets as many items as make
-//! [`TARGET_MS`] of work.
+//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are beside
+//! it: its *tail*. Each part of a cut one takes as long, so that on a device that runs 10^5 items side by side a pass
+//! in thirty parts takes thirty times as long as in one. What cutting shortens is what comes on top: the *work*, in
+//! proportion to the items. Two submissions of different sizes tell one from the other, and a submission gets as many
+//! items as make [`TARGET_MS`] of work.
 //!
 //! Items are taken to be alike wherever in the pass they stand. Those of a film are [made so](super::tiles::Parts).
 
 /// What a submission's work should take, in milliseconds. Overhead is some 0.05 to 0.3 ms each: 1.5 % at most.
 const TARGET_MS: f64 = 20.0;
-/// The same where a window waits for submissions. Each picture that it shows waits for at most two, that which is under way
-/// and the one whose turn is next: these are done within 50 ms where they take two and a half times as long as expected.
+/// The same where a window waits for submissions. Each picture that it shows waits for at most two, that which is under
+/// way and the one whose turn is next: these are done within 50 ms where they take two and a half times as long as
+/// expected.
 const TARGET_MS_OF_WINDOW: f64 = 10.0;
-/// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute force,
-/// they are the target.
+/// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute
+/// force, they are the target.
 const FIRST_ITEMS: f64 = 1024.0;
-/// The same where a window waits: at 100 µs each, what lavapipe takes on two cores for pixels full of relief, they are 25 ms.
+/// The same where a window waits: at 100 µs each, what lavapipe takes on two cores for pixels full of relief, they are
+/// 25 ms.
 const FIRST_ITEMS_OF_WINDOW: f64 = 256.0;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;

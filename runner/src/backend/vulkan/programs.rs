@@ -94,8 +94,8 @@ impl Program {
         &self.pipeline
     }
 
-    /// Runs over a film of `width` x `height` pixels. Calls `progress` with the share done after each submission; `Break`
-    /// ends the pass there.
+    /// Runs over a film of `width` x `height` pixels. Calls `progress` with the share done after each submission;
+    /// `Break` ends the pass there.
     pub(super) fn run_film(
         &mut self,
         commands: &Commands,

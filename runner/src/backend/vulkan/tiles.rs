@@ -35,8 +35,8 @@ impl Parts {
         self.end.saturating_mul(PIXELS)
     }
 
-    /// The next part, of at most `pixels` such pixels but at least one tile, for sample number `sample`; and how many pixels
-    /// it is. `None` once the film is covered.
+    /// The next part, of at most `pixels` such pixels but at least one tile, for sample number `sample`; and how many
+    /// pixels it is. `None` once the film is covered.
     pub(super) fn next(&mut self, pixels: u32, sample: u32) -> Option<(Tiles, u32)> {
         let count = (pixels / PIXELS).clamp(1, MOST_ALONG * MOST_ALONG).min(self.end - self.next);
         if count == 0 {
