@@ -58,7 +58,8 @@ fn constant(module: &Module, id: &Operand) -> u32 {
     }
 }
 
-/// 7 where the choice is on, else 8: of the two blocks and the phi behind them nothing is left but a store of the number.
+/// 7 where the choice is on, else 8: of the two blocks and the phi behind them nothing is left but a store of the
+/// number.
 #[test]
 fn a_phi_of_what_is_never_run_is_a_constant() {
     for (choice, expected) in [(1, 7), (0, 8)] {
@@ -107,8 +108,8 @@ fn a_merge_block_that_is_never_run_is_unreachable() {
     assert_eq!(of(&module, Op::SelectionMerge).len(), 1);
 }
 
-/// A loop that is left in its first turn where the choice is on: its continue target is never run, but stays to lead back,
-/// and the header's phi has an undefined value from there.
+/// A loop that is left in its first turn where the choice is on: its continue target is never run, but stays to lead
+/// back, and the header's phi has an undefined value from there.
 #[test]
 fn a_continue_target_that_is_never_run_leads_back() {
     let mut built = Built::new();
