@@ -271,7 +271,8 @@ fn wrong_usage_is_told() {
     assert!(stderr(&run).contains("choose another --output"), "{}", stderr(&run));
 }
 
-/// Nothing is quicker than what does not displace, and nothing but the exact method has no error.
+/// Nothing but the exact method has no error, and where errors do not matter, or where there is no relief, others are
+/// several times as quick. Which of these is the quickest depends on what else the machine does.
 #[test]
 fn budgets_choose_a_method() {
     let place = Place::new();
@@ -283,13 +284,12 @@ fn budgets_choose_a_method() {
         let line = stdout(&run).lines().find(|line| line.starts_with("Chose ")).map(str::to_owned);
         line.unwrap_or_else(|| panic!("nothing was chosen: {}", stdout(&run)))
     };
-    // What else the machine does may spoil the times of one run, hardly those of three.
-    let chooses_none = |arguments: &[&str]| (0..3).any(|_| chosen(arguments).starts_with("Chose none:"));
-    assert!(chooses_none(&["--quality=1"]));
+    let is_quick = |line: &str| line.contains(" times as quick as quadtree N=");
+    assert!(is_quick(&chosen(&["--quality=1"])));
     let exact = chosen(&["--quality=0"]);
     assert!(exact.starts_with("Chose quadtree N=") && exact.contains("nothing else is both"), "{exact}");
     // A flat relief.
-    assert!(chooses_none(&["--quality=0", "--exaggerate=0"]));
+    assert!(is_quick(&chosen(&["--quality=0", "--exaggerate=0"])));
 }
 
 /// A scene file may ask for adaptive N, which most methods cannot have: the chosen one gets an N that it can.

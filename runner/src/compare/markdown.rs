@@ -102,8 +102,7 @@ fn left_out(skipped: &[Skipped]) -> Vec<(Vec<String>, String)> {
         let method = configuration.method_name();
         let name = if is_whole { format!("`{method}`") } else { format!("`{configuration}`") };
         // Reasons name the method: what is left without that may be the reason of others.
-        let reason =
-            reason.replace(&format!("--method {method} "), "it ").replace(&format!("{method} "), "it ");
+        let reason = reason.replace(&format!("--method {method} "), "");
         match all.iter_mut().find(|(_, other)| *other == reason) {
             Some((names, _)) if names.contains(&name) => {}
             Some((names, _)) => names.push(name),
@@ -178,7 +177,7 @@ mod tests {
             skipped(Method::Tessellate, Some(256), "too many"),
         ];
         let expected = [
-            (vec!["`steep`".to_owned(), "`bump`".to_owned()], "it takes no vectors".to_owned()),
+            (vec!["`steep`".to_owned(), "`bump`".to_owned()], "takes no vectors".to_owned()),
             (vec!["`tessellate N=256`".to_owned()], "too many".to_owned()),
         ];
         assert_eq!(left_out(&all), expected);

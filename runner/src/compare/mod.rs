@@ -7,6 +7,7 @@
 pub mod about;
 pub mod cameras;
 pub mod charts;
+mod csv;
 pub mod flip;
 pub mod heat;
 pub mod markdown;

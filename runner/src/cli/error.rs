@@ -1,0 +1,133 @@
+//! Why a command fails, and with which exit code.
+
+use super::inputs::InputError;
+use crate::backend::BackendError;
+use crate::bench::build::BenchError;
+use crate::compare::CompareError;
+use crate::picture::PictureError;
+use crate::render::RenderError;
+use crate::scene::SceneError;
+use crate::settings::Method;
+use crate::stats::StatsError;
+use crate::view::{ScriptError, Unread, ViewError};
+use std::path::{Path, PathBuf};
+
+/// Why a command failed. Each message says what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub(super) enum CliError {
+    #[error("--depth chooses the bits of a PNG, but {} is none; leave --depth out or name the output \
+        .png", .0.display())]
+    DepthWithoutPng(PathBuf),
+    #[error("--device chooses a Vulkan device, but --backend cpu uses none; leave one of them out")]
+    DeviceWithCpu,
+    #[error("--normal-map is read by --method normal-map alone, not by {0}; leave one of them out")]
+    NormalMapOfNothing(Method),
+    #[error("--offset-map is read by --method bump-offset alone, not by {0}; leave one of them out")]
+    OffsetMapOfNothing(Method),
+    #[error("--stats and --output name the same file, {}; give them different names", .0.display())]
+    StatsOverPicture(PathBuf),
+    #[error("--stats counts the work of a whole picture; leave it out, or use `emboss render`")]
+    StatsOfView,
+    #[error(transparent)]
+    Script(#[from] ScriptError),
+    #[error(transparent)]
+    View(#[from] ViewError),
+    #[error(transparent)]
+    Input(#[from] InputError),
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    #[error(transparent)]
+    Stats(#[from] StatsError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    #[error("--quality chooses the method and N; leave --method and N out, or --quality")]
+    QualityWithChoice,
+    #[error("no method can render this scene within the budget; name one with --method")]
+    NoCandidate,
+    #[error("{0} is not for `emboss compare`; leave it out (--methods and --n choose what is compared)")]
+    NotOfCompare(&'static str),
+    #[error(transparent)]
+    Compare(#[from] CompareError),
+    #[error("interrupted before there was anything to see; no picture was written")]
+    InterruptedEarly,
+    #[error("interrupted; the picture so far was written to {}", .0.display())]
+    Interrupted(PathBuf),
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(
+        "no Vulkan device to measure; `emboss devices` lists what there is, --backend cpu measures the processor"
+    )]
+    NothingToMeasure,
+    #[error("{}: the results could not be written ({reason}); choose another --json", path.display())]
+    Results { path: PathBuf, reason: std::io::Error },
+    #[error("interrupted; what was measured until then stands above")]
+    BenchInterrupted,
+}
+
+impl CliError {
+    /// The file of a scene that cannot be used, where it is one.
+    pub(super) fn file(&self) -> Option<&Path> {
+        match self {
+            CliError::Input(error) => error.file(),
+            _ => None,
+        }
+    }
+
+    pub(super) fn exit_code(&self) -> u8 {
+        match self {
+            CliError::DepthWithoutPng(_)
+            | CliError::DeviceWithCpu
+            | CliError::NormalMapOfNothing(_)
+            | CliError::OffsetMapOfNothing(_)
+            | CliError::StatsOverPicture(_)
+            | CliError::StatsOfView
+            | CliError::QualityWithChoice
+            | CliError::NotOfCompare(_)
+            | CliError::Script(_)
+            | CliError::Picture(PictureError::UnknownFormat { .. })
+            | CliError::Input(
+                InputError::UnknownBuiltin { .. }
+                | InputError::NoVectors { .. }
+                | InputError::InvertVectors
+                | InputError::ChannelsOfNothing
+                | InputError::Scene(SceneError::SceneFile { .. }),
+            )
+            | CliError::Render(
+                RenderError::Framing(_)
+                | RenderError::MethodOfVectors { .. }
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
+            )
+            | CliError::Compare(CompareError::Render(RenderError::Framing(_)))
+            | CliError::View(ViewError::Render(
+                RenderError::Framing(_)
+                | RenderError::MethodOfVectors { .. }
+                | RenderError::MethodOfAuto { .. }
+                | RenderError::StoredOnce { .. },
+            )) => 2,
+            // What the arguments name is read by the viewer's own thread.
+            CliError::View(ViewError::Source(Unread { error, .. })) => {
+                error.downcast_ref::<CliError>().map_or(1, CliError::exit_code)
+            }
+            // 128 + SIGINT, what shells report of a program that ended by Ctrl-C.
+            CliError::Interrupted(_)
+            | CliError::InterruptedEarly
+            | CliError::BenchInterrupted
+            | CliError::Compare(CompareError::Interrupted) => 130,
+            _ => 1,
+        }
+    }
+}
+
+impl From<SceneError> for CliError {
+    fn from(error: SceneError) -> Self {
+        CliError::Input(error.into())
+    }
+}
+
+impl From<BackendError> for CliError {
+    fn from(error: BackendError) -> Self {
+        CliError::Render(error.into())
+    }
+}
