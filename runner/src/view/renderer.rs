@@ -353,8 +353,8 @@ impl Renderer<'_> {
     fn tell_loaded(&mut self) {
         let loaded = &self.read.loaded;
         if let Some(watcher) = &self.watcher {
-            // Nothing here depends on when that begins.
-            drop(watcher.watch(&loaded.files));
+            // What is changed once there is a picture is to be seen.
+            let _ = watcher.watch(&loaded.files).recv_timeout(PATIENCE);
         }
         (self.report)(Report::Loaded(Box::new(SceneInfo {
             settings: loaded.settings.clone(),

@@ -62,6 +62,8 @@ mod tests {
             while turns.lock().next < 2 {
                 std::thread::yield_now();
             }
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            assert_eq!(other.load(Ordering::Relaxed), 0, "it is not the other's turn yet");
             drop(held);
             let _turn = turns.take();
             assert_eq!(other.load(Ordering::Relaxed), 1);
