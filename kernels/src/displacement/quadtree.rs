@@ -18,7 +18,7 @@
 //! grid walk does, x parts its heights from it, and z orders nodes and ends rays.
 //!
 //! Micro-vertices that [`Seams`](crate::interface::Seams) decide stand elsewhere; nodes at the border include them. On
-//! an edge of fewer parts than the triangle ([`Subdivisions`](super::subdivisions::Subdivisions)) they move along it;
+//! an edge of fewer parts than the triangle ([`Subdivisions`]) they move along it;
 //! nodes there include the stretch of the edge that theirs can reach.
 //!
 //! Vectors have a range for each axis, and so a bound of their own: `vector_bounds.rs`.
@@ -60,7 +60,8 @@ pub struct Descent {
 }
 
 /// How many nodes a ray tests before it is looked whether rays beside it wait for another prism. Few make the search
-/// for prisms, which takes as long as some nodes, stand still for; many make rays wait that are through with theirs.
+/// for prisms, which takes as long as some nodes, stand still for; many make rays wait that are through with theirs. On
+/// an H200 the knot takes 1.45 times as long with one as with four, 1.24 times with two, 1.05 with 8, and 1.3 with 24.
 const NODES_AT_A_TIME: u32 = 4;
 
 impl Descent {

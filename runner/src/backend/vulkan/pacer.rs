@@ -41,10 +41,8 @@ const CAUTION: f64 = 4.0;
 /// Decides how many items (pixels, rays) each submission of a pass gets, and learns from what they took.
 #[derive(Clone, Debug)]
 pub(super) struct Pacer {
-    /// What its submissions' work should take, in milliseconds.
-    target_ms: f64,
-    /// Items of the first submission.
-    first_items: f64,
+    /// Whether a window waits for submissions.
+    is_for_window: bool,
     /// How many items make the target, as far as is known.
     items: f64,
     /// What the last submission takes however few its items are, as far as is known.
@@ -67,26 +65,13 @@ struct Submission {
 impl Pacer {
     /// A pacer that knows nothing. `is_for_window`: whether a window waits for submissions.
     pub(super) fn new(is_for_window: bool) -> Self {
-        let (target_ms, first_items) = if is_for_window {
-            (TARGET_MS_OF_WINDOW, FIRST_ITEMS_OF_WINDOW)
-        } else {
-            (TARGET_MS, FIRST_ITEMS)
-        };
-        Pacer {
-            target_ms,
-            first_items,
-            items: first_items,
-            tail_ms: 0.0,
-            is_told: false,
-            last: None,
-            left: 0,
-        }
+        let items = first_items(is_for_window);
+        Pacer { is_for_window, items, tail_ms: 0.0, is_told: false, last: None, left: 0 }
     }
 
     /// The same, knowing nothing.
     pub(super) fn forgotten(&self) -> Self {
-        let nothing = Pacer { items: self.first_items, tail_ms: 0.0, is_told: false, last: None, ..*self };
-        Pacer { left: 0, ..nothing }
+        Pacer::new(self.is_for_window)
     }
 
     /// Begins a pass over `total` items.
@@ -96,7 +81,7 @@ impl Pacer {
 
     /// Takes note that items may be dearer than they were: what is seen has changed.
     pub(super) fn beware(&mut self) {
-        self.items = (self.items / CAUTION).max(self.first_items.min(self.items));
+        self.items = (self.items / CAUTION).max(self.items.min(first_items(self.is_for_window)));
         self.last = None;
     }
 
@@ -112,19 +97,24 @@ impl Pacer {
         ((left / parts).ceil() as u32).max(FEWEST_ITEMS)
     }
 
+    /// What the work of the next submission should take.
+    fn wanted_ms(&self) -> f64 {
+        if self.is_for_window { TARGET_MS_OF_WINDOW } else { self.tail_ms.max(TARGET_MS) }
+    }
+
     /// Takes note of what a submission of `items` items took.
     pub(super) fn record(&mut self, items: u32, ms: f64) {
         self.left = self.left.saturating_sub(items);
         let now = Submission { items: f64::from(items.max(1)), ms };
         let told = self.last.and_then(|last| now.work_against(last));
         // A shorter time of as many items says that the tail was shorter rather than that they take no work.
-        let expected_ms = now.items * self.target_ms / self.items;
+        let expected_ms = now.items * self.wanted_ms() / self.items;
         let work_ms = told.unwrap_or((ms - self.tail_ms).max(expected_ms / TRIAL_FACTOR)).clamp(0.0, ms);
         self.is_told |= told.is_some();
         self.tail_ms = ms - work_ms;
         self.last = Some(now);
         // A clock too coarse to see it gives 0 ms.
-        let wanted = if work_ms > 0.0 { self.target_ms / work_ms } else { f64::INFINITY };
+        let wanted = if work_ms > 0.0 { self.wanted_ms() / work_ms } else { f64::INFINITY };
         // As long as nothing is told the next submission is to tell it.
         let wanted = match (self.is_told, wanted < 1.0) {
             (true, _) => wanted,
@@ -136,6 +126,11 @@ impl Pacer {
         let most = (now.items * MOST_GROWTH).max(self.items).max(least);
         self.items = (now.items * wanted).clamp(least, most);
     }
+}
+
+/// Items of the first submission.
+fn first_items(is_for_window: bool) -> f64 {
+    if is_for_window { FIRST_ITEMS_OF_WINDOW } else { FIRST_ITEMS }
 }
 
 impl Submission {
