@@ -376,7 +376,7 @@ fn count(len: usize) -> u32 {
     u32::try_from(len).unwrap_or(u32::MAX)
 }
 
-/// Takes `samples` samples of every pixel of a loaded job. Calls `progress` with the share done (0 to 1) between tiles;
+/// Takes `samples` samples of every pixel of a loaded job. Calls `progress` with the share done (0 to 1) between parts;
 /// `Break` ends the rendering, and the picture is what there is by then.
 pub fn render(
     backend: &mut dyn Backend,

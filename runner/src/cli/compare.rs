@@ -51,7 +51,8 @@ impl CompareArgs {
         let interrupt = Interrupt::install();
         let mut backend = self.render.open_backend()?;
         let args = RenderArgs { size: self.render.size.or(Some(SIZE)), ..self.render.clone() };
-        let (settings, inputs, samples) = args.read(true)?;
+        let (settings, inputs, samples) =
+            args.read(self.methods.is_empty() || self.methods.contains(&Method::NormalMap))?;
         args.report(&inputs);
         let device = backend.device();
         let identity = Identity {

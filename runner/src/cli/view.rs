@@ -70,7 +70,12 @@ impl Source for Files {
         let zero = zero.map(OrDefault::Given).or(self.args.zero);
         // The scales are left as they are: the viewer multiplies them as this command line would.
         let args = RenderArgs { zero, exaggerate: None, ..self.args.clone() };
-        let (settings, inputs, _) = args.read(true).map_err(|error| {
+        // A normal map that only another method reads is no reason to show nothing.
+        let read = args.read(true).or_else(|error| {
+            args.read(false)
+                .inspect(|_| tracing::warn!("{error}; --method normal-map reads the height map instead"))
+        });
+        let (settings, inputs, _) = read.map_err(|error| {
             let file = error.file().map(Path::to_owned);
             Unread { error: error.into(), file }
         })?;

@@ -187,10 +187,11 @@ impl Trial<'_> {
         if let Some(cost_ms) = gave_up {
             return Ok(Candidate { configuration, error: None, cost_ms });
         }
+        let whole_ms = cost_ms();
         let error = flip::mean(&flip::flip(right, &colors?, self.settings.width as usize));
         // Only what may be chosen is worth more frames.
         let cost_ms = if error > budget {
-            cost_ms()
+            whole_ms
         } else {
             price.of(preparation_ms, least(&subject.frame_ms(SAMPLES, self.watch)?))
         };

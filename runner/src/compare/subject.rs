@@ -73,7 +73,7 @@ pub struct Stage {
     pub lights: Vec<PointLight>,
 }
 
-/// Is asked between tiles whether to go on.
+/// Is asked between parts of a pass whether to go on.
 pub type Watch<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
 
 /// A configuration in a backend.

@@ -343,7 +343,12 @@ impl App {
 
     /// Shows the newest picture with the panel.
     fn show(&mut self) -> Result<(), PresentError> {
-        let Some(open) = self.open.as_mut().filter(|open| !open.screen.is_busy()) else { return Ok(()) };
+        let Some(open) = self.open.as_mut() else { return Ok(()) };
+        if open.screen.is_busy() {
+            // The window's system wants it again: what is under way may be there before that.
+            open.screen.ask(Instant::now());
+            return Ok(());
+        }
         let was_hidden = open.screen.is_hidden;
         let size = if open.is_out_of_sight { None } else { open.presenter.size()? };
         let is_other = open.screen.takes(size);

@@ -1,14 +1,15 @@
 //! How much work one submission gets.
 //!
 //! Drivers kill submissions that run too long (two seconds on Windows, ten on Linux), and a long one keeps the
-//! desktop from drawing. None should take more than 50 ms where cutting can achieve it: the pacer aims at 20, so
-//! that a submission may be two and a half times as dear as expected.
+//! desktop from drawing. None should take more than 50 ms where cutting achieves it at little cost: the pacer aims at
+//! 20, so that a submission may be two and a half times as dear as expected.
 //!
-//! Cutting cannot achieve it everywhere. A submission takes as long as its slowest item, however few items are beside
+//! Cutting does not achieve it everywhere. A submission takes as long as its slowest item, however few items are beside
 //! it: its *tail*. Each part of a cut one takes as long, so that on a device that runs 10^5 items side by side a pass
 //! in thirty parts takes thirty times as long as in one. What cutting shortens is what comes on top: the *work*, in
 //! proportion to the items. Two submissions of different sizes tell one from the other, and a submission gets as many
-//! items as make [`TARGET_MS`] of work.
+//! items as make [`TARGET_MS`] of work, or as much work as tail where that is longer: to cut further would more than
+//! double what a pass takes. Where a window waits it is cut all the same.
 //!
 //! Items are taken to be alike wherever in the pass they stand. Those of a film are [made so](super::tiles::Parts).
 
@@ -18,6 +19,9 @@ const TARGET_MS: f64 = 20.0;
 /// way and the one whose turn is next: these are done within 50 ms where they take two and a half times as long as
 /// expected.
 const TARGET_MS_OF_WINDOW: f64 = 10.0;
+/// The most that it should take where the tail is longer: with a tail of as much a submission stays well within what
+/// drivers allow.
+const MOST_MS: f64 = 250.0;
 /// Items of the first submission: at 20 µs each, what a slow device takes for a thousand micro-triangles by brute
 /// force, they are the target.
 const FIRST_ITEMS: f64 = 1024.0;
@@ -99,7 +103,7 @@ impl Pacer {
 
     /// What the work of the next submission should take.
     fn wanted_ms(&self) -> f64 {
-        if self.is_for_window { TARGET_MS_OF_WINDOW } else { self.tail_ms.max(TARGET_MS) }
+        if self.is_for_window { TARGET_MS_OF_WINDOW } else { self.tail_ms.clamp(TARGET_MS, MOST_MS) }
     }
 
     /// Takes note of what a submission of `items` items took.
@@ -138,17 +142,9 @@ impl Submission {
     fn work_against(self, before: Submission) -> Option<f64> {
         let grew = self.items > before.items;
         let (few, many) = if grew { (before, self) } else { (self, before) };
-        if many.items < few.items * TELLING_FACTOR {
-            None
-        } else if many.ms >= few.ms {
-            Some((many.ms - few.ms) / (many.items - few.items) * self.items)
-        } else if grew {
-            // More items in less time: both were all tail.
-            Some(0.0)
-        } else {
-            // Fewer in more: they became dearer.
-            None
-        }
+        // More items in less time tell nothing: the others were dearer, or paid for what drivers put off until then.
+        let tells = many.items >= few.items * TELLING_FACTOR && many.ms >= few.ms;
+        tells.then(|| (many.ms - few.ms) / (many.items - few.items) * self.items)
     }
 }
 

@@ -46,7 +46,6 @@ impl Presenter for Software {
     }
 
     fn show(&mut self, canvas: Canvas) -> Result<Progress, PresentError> {
-        self.window.pre_present_notify();
         self.try_show(&canvas).map_err(|error| PresentError::Window(error.to_string()))
     }
 

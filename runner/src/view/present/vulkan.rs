@@ -67,7 +67,6 @@ impl Presenter for OnSwapchain {
     }
 
     fn show(&mut self, canvas: Canvas) -> Result<Progress, PresentError> {
-        self.window.pre_present_notify();
         self.order(Order::Show(canvas, self.window_size()))?;
         Ok(Progress::UnderWay)
     }
@@ -79,7 +78,8 @@ impl Presenter for OnSwapchain {
             Ok(Ok(Outcome::Shown(Shown::Yes))) => Some(Progress::Shown),
             Ok(Ok(Outcome::Shown(Shown::NotYet))) => Some(Progress::NotYet),
             Ok(Ok(Outcome::Size(of, taken))) => {
-                self.decided = Some((of, taken));
+                // A window that takes none is about to have no size; when it has this one again it takes pictures.
+                self.decided = taken.map(|_| (of, taken));
                 Some(Progress::NotYet)
             }
         })
