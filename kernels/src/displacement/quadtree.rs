@@ -638,7 +638,8 @@ impl Prism {
     ) -> bool {
         let m = self.margin;
         let n = field.subdivisions;
-        let has_seams = self.has_seams && node.is_at_border(n);
+        // What a prism says of itself goes from turn to turn, so that a compiler may not see that it is constant.
+        let has_seams = field.is_welded() && self.has_seams && node.is_at_border(n);
         let coarse = node.coarse_edges(field);
         // Most nodes that the ray does not reach it passes beside their columns, whatever the heights.
         if self.has_lifts && !has_seams {

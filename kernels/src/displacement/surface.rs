@@ -259,6 +259,12 @@ impl<'a> HeightField<'a> {
         self.is_adaptive
     }
 
+    /// Whether any triangle has seams.
+    #[inline]
+    pub fn is_welded(&self) -> bool {
+        self.welded
+    }
+
     /// Whether displacement is by vectors.
     #[inline]
     pub fn is_vector(&self) -> bool {
