@@ -8,8 +8,9 @@
 //! A file has, little endian: eight bytes that say so, the last one its version; the number of floats, 32 bits; the
 //! key; SHA-256 of the floats; the floats, as [`distance_map`](emboss_kernels::relief::distance_map) orders them.
 
-use crate::backend::{Backend, BackendError, DeviceInfo};
+use crate::backend::{Backend, BackendError, DeviceInfo, kernels_hash};
 use crate::render::Job;
+use crate::whole_file;
 use emboss_kernels::interface::{Displacement, height_format, method, wrap};
 use emboss_kernels::relief::distance_map::{WORDS, is_turned};
 use sha2::{Digest, Sha256};
@@ -95,12 +96,10 @@ fn key(map: &Displacement, texels: &[u32], device: &DeviceInfo) -> Key {
     };
     let first = map.first_word as usize;
     // What computes is compiled from these sources, for the CPU as for a device.
-    let manifest = include_str!("../../assets/kernels.json");
-    let sources = manifest.lines().find(|line| line.contains("source_hash")).unwrap_or_default();
     // How many threads the processor has changes nothing.
     let driver = if device.backend == "cpu" { std::env::consts::ARCH } else { &device.details };
     let mut hash = Sha256::new();
-    for text in [sources, device.backend, &device.name, driver] {
+    for text in [&kernels_hash(), device.backend, &device.name, driver] {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     }
@@ -180,16 +179,7 @@ impl DistanceFile {
     /// Writes a temporary file and renames it, so that no other program sees half of one.
     fn try_write(&self, floats: &[f32]) -> io::Result<()> {
         let floats = bytes_of(floats.iter().map(|float| float.to_le_bytes()));
-        let folder = match self.path.parent() {
-            Some(folder) if folder != Path::new("") => folder,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".emboss-").suffix(".part");
-        // Temporary files are private by default; this is as public as the user's umask says.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(folder)?;
+        let mut file = whole_file::temporary(&self.path)?;
         file.write_all(&MAGIC)?;
         file.write_all(&WORDS.to_le_bytes())?;
         file.write_all(&self.key)?;

@@ -19,3 +19,4 @@ pub mod scene;
 pub mod settings;
 pub mod stats;
 pub mod view;
+mod whole_file;

@@ -1,12 +1,13 @@
 //! The finished picture and its way into a file.
 
+use crate::whole_file;
 use glam::{Vec3, Vec4};
 use image::codecs::openexr::OpenExrEncoder;
 use image::error::EncodingError;
 use image::{ExtendedColorType, ImageEncoder, ImageError, ImageFormat, ImageResult};
 use rayon::prelude::*;
 use std::io::{BufWriter, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A rectangle of pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,7 +99,7 @@ impl Destination {
     /// Finds out whether a picture could be written, before the work that makes one: the folder has to exist and to
     /// take a file. What is at the path stays untouched.
     pub fn check(&self) -> Result<(), PictureError> {
-        let folder = self.folder();
+        let folder = whole_file::folder(&self.path);
         if !folder.is_dir() {
             return Err(PictureError::NoFolder { path: self.path.clone(), folder: folder.to_owned() });
         }
@@ -124,34 +125,17 @@ impl Destination {
         Ok(())
     }
 
-    /// The folder that holds the file.
-    fn folder(&self) -> &Path {
-        match self.path.parent() {
-            Some(folder) if folder != Path::new("") => folder,
-            _ => Path::new("."),
-        }
-    }
-
     /// What the rename replaces: behind a symbolic link the file that it leads to, so that the link survives.
     fn target(&self) -> PathBuf {
         self.path.canonicalize().unwrap_or_else(|_| self.path.clone())
     }
 
-    /// A new file beside the picture's place, on the same file system, gone when dropped.
+    /// A new file beside the picture's place, gone when dropped.
     fn temporary(&self) -> Result<tempfile::NamedTempFile, PictureError> {
         let target = self.target();
-        let folder = match target.parent() {
-            Some(folder) if folder != Path::new("") => folder,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".emboss-").suffix(".part");
-        // Temporary files are private by default; a picture is as public as the user's umask says.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder.tempfile_in(folder).map_err(|reason| PictureError::NotWritable {
+        whole_file::temporary(&target).map_err(|reason| PictureError::NotWritable {
             path: self.path.clone(),
-            folder: folder.to_owned(),
+            folder: whole_file::folder(&target).to_owned(),
             reason,
         })
     }
@@ -244,6 +228,7 @@ pub fn linear_from_srgb(code: f32) -> f32 {
 mod tests {
     use super::*;
     use std::io::Cursor;
+    use std::path::Path;
 
     fn picture() -> Picture {
         let pixels = vec![

@@ -2,6 +2,7 @@
 
 use super::interrupt::Interrupt;
 use super::{CliError, RenderArgs, progress, say, values};
+use crate::backend::kernels_hash;
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
 use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
@@ -150,13 +151,6 @@ impl CompareArgs {
         list("--reference", self.reference.iter().map(u32::to_string).collect());
         words.join(" ")
     }
-}
-
-/// The hash of the kernels' sources, which is what the CPU runs too.
-fn kernels_hash() -> String {
-    let manifest: Option<serde_json::Value> =
-        serde_json::from_str(include_str!("../../../assets/kernels.json")).ok();
-    manifest.and_then(|manifest| Some(manifest["source_hash"].as_str()?.to_owned())).unwrap_or_default()
 }
 
 /// Writes the page of all methods.
