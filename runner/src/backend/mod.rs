@@ -493,6 +493,12 @@ pub enum BackendError {
         /// Why.
         reason: String,
     },
+    /// Vulkan shows no pictures in the window. What it renders can be shown otherwise.
+    #[error("Vulkan shows no pictures in the window: {reason}")]
+    CannotPresent {
+        /// Why.
+        reason: String,
+    },
     /// Vulkan answered with an error.
     #[error("Vulkan: {what} failed: {source}")]
     Vulkan {

@@ -142,12 +142,9 @@ pub enum ViewError {
         /// What the system said.
         reason: String,
     },
-    /// The device that was asked for cannot show pictures in the window.
-    #[error(
-        "{source}; to show pictures a Vulkan device has to present to the window: `emboss view --backend cpu` does \
-         without, and `emboss render` needs no window"
-    )]
-    CannotPresent {
+    /// There is no Vulkan device that renders.
+    #[error("{source}; `emboss render` needs no window, and no Vulkan either with --backend cpu")]
+    NoDevice {
         /// What is missing.
         source: BackendError,
     },
@@ -203,7 +200,7 @@ impl From<BackendError> for ViewError {
 /// Opens the window and stays until it is closed.
 ///
 /// # Errors
-/// [`ViewError::NoDisplay`] and [`ViewError::CannotPresent`] where nothing can be shown; else what the scene, the
+/// [`ViewError::NoDisplay`] and [`ViewError::NoDevice`] where there is nothing to show pictures on or by; else what the scene, the
 /// device or the window failed with.
 pub fn run(source: Box<dyn Source>, options: Options) -> Result<(), ViewError> {
     app::run(source.into(), options)

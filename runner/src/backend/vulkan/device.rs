@@ -35,8 +35,8 @@ impl Drop for DeviceHandle {
 }
 
 impl Device {
-    /// Opens a device with one queue and the two features that the kernels need; with swapchains where it was
-    /// [found](super::physical::enumerate) for a window.
+    /// Opens a device with one queue and the two features that the kernels need; with swapchains where it
+    /// [presents](PhysicalDevice::presents).
     pub(super) fn new(instance: Arc<Instance>, physical: PhysicalDevice) -> Result<Arc<Self>, BackendError> {
         let handle = open(instance, &physical)?;
         // SAFETY: the device was opened with one queue of this family.
@@ -207,7 +207,7 @@ pub(super) mod tests {
         let needs = "needs lavapipe and the validation layers, which `cargo xtask test` installs";
         let instance = Arc::new(Instance::new(true, &[]).expect(needs));
         let found = physical::enumerate(&instance, None).expect(needs);
-        let lavapipe = physical::select(found, &Selection::Named("llvmpipe".to_owned()), false).expect(needs);
+        let lavapipe = physical::select(found, &Selection::Named("llvmpipe".to_owned())).expect(needs);
         Device::new(instance, lavapipe).expect(needs)
     }
 

@@ -149,8 +149,8 @@ fn create(entry: ash::Entry, info: &vk::InstanceCreateInfo<'_>) -> Result<Instan
             Err(BackendError::NoDevice { reason: "no Vulkan driver is installed".to_owned() })
         }
         Err(vk::Result::ERROR_EXTENSION_NOT_PRESENT) => {
-            let reason = "no driver shows pictures in windows of this system".to_owned();
-            Err(BackendError::NoDevice { reason })
+            let reason = "no driver does so in windows of this system".to_owned();
+            Err(BackendError::CannotPresent { reason })
         }
         Err(source) => Err(BackendError::Vulkan { what: "creating the instance", source }),
     }

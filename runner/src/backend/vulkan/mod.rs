@@ -6,7 +6,8 @@
 //! destroy themselves), `buffer`, `commands` (submissions, timed), `transfers`, `pipeline`; then what runs on
 //! them: `tiles` and `pacer` cut the work so that no submission runs long, `programs` are paced pipelines,
 //! `resident` is a scene with its film; `scan` and `sort` are recorded into submissions of others. Apart from all that
-//! `surface` is a window and `swapchain` shows pictures in it, from another thread.
+//! `surface` is a window and `swapchain` shows pictures in it, from another thread; `window` opens a device for both,
+//! or for the one that renders alone.
 //!
 //! Everything that a backend does runs on one queue, one submission at a time, and each is waited for. Hence between
 //! two submissions buffers can be dropped and descriptors written, and a program that ends leaves nothing running. A
@@ -36,10 +37,11 @@ mod tiles;
 mod transfers;
 mod turns;
 mod validation;
+mod window;
 
-pub use surface::Window;
 pub use swapchain::{Shown, Swapchain};
 pub use validation::ValidationLog;
+pub use window::{OpenDevice, Window};
 
 use crate::backend::{Backend, BackendError, BuildReport, DeviceInfo, PipelineCode, SceneBuffers, Totals};
 use crate::bvh::{BuildTimes, Bvh, MOST_GROWTH};
@@ -97,27 +99,6 @@ pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
     Ok(physical::enumerate(&instance, None)?.into_iter().map(|device| device.info).collect())
 }
 
-/// A device that is open, which the thread that renders makes its backend [on](VulkanBackend::on).
-#[derive(Clone)]
-pub struct OpenDevice(Arc<Device>);
-
-impl OpenDevice {
-    /// What it is.
-    pub fn info(&self) -> &DeviceInfo {
-        self.0.info()
-    }
-
-    /// What [`Selection::Named`] finds it by, on this machine and as long as it has no other devices.
-    pub fn selector(&self) -> &str {
-        &self.0.physical().selector
-    }
-
-    /// What the validation layers say of it.
-    pub fn validation_log(&self) -> ValidationLog {
-        self.0.instance().log().clone()
-    }
-}
-
 /// Runs kernels on a Vulkan device. A new one holds an empty scene and a film without pixels.
 pub struct VulkanBackend {
     resident: Resident,
@@ -143,17 +124,18 @@ impl VulkanBackend {
     pub fn new(selection: &Selection, validate: bool) -> Result<Self, BackendError> {
         let instance = Arc::new(Instance::new(validate, &[])?);
         let found = physical::enumerate(&instance, None)?;
-        let device = Device::new(instance, physical::select(found, selection, false)?)?;
+        let device = Device::new(instance, physical::select(found, selection)?)?;
         Self::empty_on(OpenDevice(device))
     }
 
-    /// A backend on a device that is open already, for a window: see [`Swapchain::open`]. What builds BVHs is compiled
-    /// at once, since the scene is still being read.
+    /// A backend on a device that is open already, for a window: see [`OpenDevice::for_window`]. What builds BVHs is
+    /// compiled at once, since the scene is still being read.
     ///
     /// # Errors
     /// An error of the driver.
     pub fn on(device: OpenDevice) -> Result<Self, BackendError> {
         let mut backend = Self::empty_on(device)?;
+        backend.programs = Programs::for_window();
         backend.builder()?;
         Ok(backend)
     }

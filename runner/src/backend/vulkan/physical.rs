@@ -12,16 +12,14 @@ use std::ffi::CStr;
 /// A device that fits, not yet opened.
 pub(super) struct PhysicalDevice {
     pub(super) raw: vk::PhysicalDevice,
-    /// Its place among those that fit, whether they present to a window or not: what `emboss devices` lists.
-    pub(super) number: u32,
     pub(super) info: DeviceInfo,
     /// What [`Selection::Named`] finds it by: its name, or its number where one before it is found by that name.
     pub(super) selector: String,
     pub(super) limits: Limits,
-    /// The family of the queue that everything is submitted to: it can compute, hence also copy; for a window it can
-    /// present.
+    /// The family of the queue that everything is submitted to: it can compute, hence also copy; where it
+    /// [presents](Self::presents) it can do that too.
     pub(super) queue_family: u32,
-    /// Whether it was examined for a window, so that the queue presents to it and swapchains can be made.
+    /// Whether it was examined for a window, and the queue presents to it and swapchains can be made.
     pub(super) presents: bool,
 }
 
@@ -47,8 +45,7 @@ impl Limits {
     }
 }
 
-/// Every device that fits, in the loader's order; of those the ones that can present to `window`. What does not fit is
-/// logged.
+/// Every device that fits, in the loader's order, with whether it presents to `window`. What does not fit is logged.
 pub(super) fn enumerate(
     instance: &Instance,
     window: Option<&Surface>,
@@ -56,16 +53,10 @@ pub(super) fn enumerate(
     // SAFETY: the instance lives through the call.
     let all = unsafe { instance.raw().enumerate_physical_devices() }
         .map_err(|source| BackendError::Vulkan { what: "listing the devices", source })?;
-    let fitting: Vec<_> = all.into_iter().filter_map(|raw| examine(instance, raw, None)).collect();
-    let names: Vec<_> = fitting.iter().map(|device| device.info.name.clone()).collect();
-    let mut devices = Vec::with_capacity(fitting.len());
-    for (number, plain) in (0..).zip(fitting) {
-        let device = match window {
-            None => Some(plain),
-            Some(_) => examine(instance, plain.raw, window),
-        };
-        let selector = selector(&names, number);
-        devices.extend(device.map(|device| PhysicalDevice { number, selector, ..device }));
+    let mut devices: Vec<_> = all.into_iter().filter_map(|raw| examine(instance, raw, window)).collect();
+    let names: Vec<_> = devices.iter().map(|device| device.info.name.clone()).collect();
+    for (number, device) in (0..).zip(&mut devices) {
+        device.selector = selector(&names, number);
     }
     Ok(devices)
 }
@@ -83,27 +74,28 @@ fn selector(names: &[String], number: u32) -> String {
 pub(super) fn select(
     mut devices: Vec<PhysicalDevice>,
     selection: &Selection,
-    is_for_window: bool,
 ) -> Result<PhysicalDevice, BackendError> {
-    let infos: Vec<_> = devices.iter().map(|device| (device.number, &device.info)).collect();
+    let infos: Vec<_> = devices.iter().map(|device| (&device.info, device.presents)).collect();
     match choose(&infos, selection) {
         Some(index) => Ok(devices.swap_remove(index)),
-        None => Err(BackendError::NoDevice { reason: why_none(&infos, selection, is_for_window) }),
+        None => Err(BackendError::NoDevice { reason: why_none(&infos, selection) }),
     }
 }
 
-/// Index of the device that `selection` means, in a list as `enumerate` gives it, with the devices' numbers.
-fn choose(devices: &[(u32, &DeviceInfo)], selection: &Selection) -> Option<usize> {
+/// Index of the device that `selection` means, in a list as `enumerate` gives it, with whether each presents to the
+/// window. Where the best is wanted, one that presents goes before one that does not, but never software before
+/// hardware; the name of a device means the same one with a window and without.
+fn choose(devices: &[(&DeviceInfo, bool)], selection: &Selection) -> Option<usize> {
     match selection {
         Selection::Auto => (0..devices.len())
-            .filter(|&index| devices[index].1.kind < DeviceKind::Software)
-            .min_by_key(|&index| devices[index].1.kind),
+            .filter(|&index| devices[index].0.kind < DeviceKind::Software)
+            .min_by_key(|&index| (!devices[index].1, devices[index].0.kind)),
         Selection::Named(wanted) => wanted
-            .parse::<u32>()
+            .parse::<usize>()
             .ok()
-            .and_then(|wanted| devices.iter().position(|&(number, _)| number == wanted))
+            .filter(|&wanted| wanted < devices.len())
             // A number of none may be a part of a name: "4090".
-            .or_else(|| devices.iter().position(|(_, device)| contains_ignoring_case(&device.name, wanted))),
+            .or_else(|| devices.iter().position(|(device, _)| contains_ignoring_case(&device.name, wanted))),
     }
 }
 
@@ -111,21 +103,18 @@ fn contains_ignoring_case(name: &str, part: &str) -> bool {
     name.to_lowercase().contains(&part.to_lowercase())
 }
 
-fn why_none(devices: &[(u32, &DeviceInfo)], selection: &Selection, is_for_window: bool) -> String {
-    let list: Vec<_> = devices.iter().map(|(number, device)| format!("{number}: {}", device.name)).collect();
+fn why_none(devices: &[(&DeviceInfo, bool)], selection: &Selection) -> String {
+    let list: Vec<_> = (0..)
+        .zip(devices)
+        .map(|(number, (device, _)): (u32, _)| format!("{number}: {}", device.name))
+        .collect();
     let list = list.join(", ");
-    let presenting = if is_for_window { " of those that present to the window" } else { "" };
     match selection {
-        _ if devices.is_empty() && is_for_window => {
-            "no device that `emboss devices` lists presents to the window".to_owned()
-        }
         _ if devices.is_empty() => {
             "no driver offers a device with Vulkan 1.2 and its memory model".to_owned()
         }
-        Selection::Auto => {
-            format!("none{presenting} is hardware; --device can ask for a software one ({list})")
-        }
-        Selection::Named(wanted) => format!("none{presenting} matches --device {wanted} ({list})"),
+        Selection::Auto => format!("none is hardware; --device can ask for a software one ({list})"),
+        Selection::Named(wanted) => format!("none matches --device {wanted} ({list})"),
     }
 }
 
@@ -145,16 +134,14 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface
     let name = text(properties.device_name_as_c_str());
     let queue = compute_queue(instance, raw, window);
     let lack = what_lacks(instance, raw, &properties, queue.is_some());
-    let lack = lack.or_else(|| (window.is_some() && !has_swapchains(instance, raw)).then_some("swapchains"));
     if let Some(lack) = lack {
         tracing::debug!("{name} is not used: it lacks {lack}");
         return None;
     }
-    let (queue_family, timestamp_bits) = queue?;
+    let queue = queue?;
     Some(PhysicalDevice {
         raw,
-        // Its place is the list's business.
-        number: 0,
+        // The list's business.
         selector: String::new(),
         info: DeviceInfo {
             backend: "vulkan",
@@ -167,10 +154,10 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface
             allocation_bytes: maintenance3.max_memory_allocation_size,
             heap_bytes: largest_device_heap(instance, raw),
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
-            timestamp_bits,
+            timestamp_bits: queue.timestamp_bits,
         },
-        queue_family,
-        presents: window.is_some(),
+        queue_family: queue.family,
+        presents: queue.presents && has_swapchains(instance, raw),
     })
 }
 
@@ -197,7 +184,7 @@ fn what_lacks(
     } else if !has_memory_model(instance, raw) {
         Some("the features vulkanMemoryModel and vulkanMemoryModelDeviceScope")
     } else if !computes {
-        Some("a queue for compute, which for a window can present to it")
+        Some("a queue for compute")
     } else if properties.limits.max_per_stage_descriptor_storage_buffers < MOST_BINDINGS {
         Some("enough storage buffers for a kernel")
     } else if (properties.limits.max_compute_shared_memory_size as usize) < MOST_SHARED_BYTES {
@@ -216,24 +203,29 @@ fn has_memory_model(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
     features12.vulkan_memory_model == vk::TRUE && features12.vulkan_memory_model_device_scope == vk::TRUE
 }
 
-/// The first queue family that computes and, where there is a window, presents to it; and how many bits its timestamps
-/// have.
-fn compute_queue(
-    instance: &Instance,
-    raw: vk::PhysicalDevice,
-    window: Option<&Surface>,
-) -> Option<(u32, u32)> {
+/// What everything is submitted to.
+struct Queue {
+    family: u32,
+    /// How many bits its timestamps have.
+    timestamp_bits: u32,
+    /// Whether it presents to the window.
+    presents: bool,
+}
+
+/// The first queue family that computes and presents to the window, or else the first that computes.
+fn compute_queue(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface>) -> Option<Queue> {
     // SAFETY: `raw` comes from this instance.
     let families = unsafe { instance.raw().get_physical_device_queue_family_properties(raw) };
-    (0u32..)
+    let computing = (0u32..)
         .zip(families)
-        .find(|&(index, family)| {
-            let computes = family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0;
-            // A driver that does not tell is not chosen.
-            let presents = |window: &Surface| window.is_presented_by(raw, index).unwrap_or(false);
-            computes && window.is_none_or(presents)
-        })
-        .map(|(index, family)| (index, family.timestamp_valid_bits))
+        .filter(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE) && family.queue_count > 0);
+    let queues = computing.map(|(index, family)| Queue {
+        family: index,
+        timestamp_bits: family.timestamp_valid_bits,
+        // A driver that does not tell does not present.
+        presents: window.is_some_and(|window| window.is_presented_by(raw, index).unwrap_or(false)),
+    });
+    queues.min_by_key(|queue| !queue.presents)
 }
 
 fn largest_device_heap(instance: &Instance, raw: vk::PhysicalDevice) -> u64 {
@@ -277,8 +269,8 @@ mod tests {
         DeviceInfo { backend: "vulkan", name: name.to_owned(), kind, details: String::new() }
     }
 
-    fn numbered<'a>(devices: &[&'a DeviceInfo]) -> Vec<(u32, &'a DeviceInfo)> {
-        (0..).zip(devices.iter().copied()).collect()
+    fn without_window<'a>(devices: &[&'a DeviceInfo]) -> Vec<(&'a DeviceInfo, bool)> {
+        devices.iter().map(|&device| (device, false)).collect()
     }
 
     fn named(wanted: &str) -> Selection {
@@ -291,18 +283,35 @@ mod tests {
         let share = device("Share", DeviceKind::Virtual);
         let chip = device("Chip", DeviceKind::Integrated);
         let card = device("Card", DeviceKind::Discrete);
-        let chosen = |devices: &[&DeviceInfo]| choose(&numbered(devices), &Selection::Auto);
+        let chosen = |devices: &[&DeviceInfo]| choose(&without_window(devices), &Selection::Auto);
         assert_eq!(chosen(&[&software, &share, &chip, &card, &card]), Some(3));
         assert_eq!(chosen(&[&software, &share, &chip]), Some(2));
         assert_eq!(chosen(&[&software, &share]), Some(1));
     }
 
+    /// A card without a screen renders where nothing else is hardware; a name means what it means without a window.
+    #[test]
+    fn device_that_presents_goes_first_among_hardware() {
+        let software = device("llvmpipe", DeviceKind::Software);
+        let chip = device("Chip", DeviceKind::Integrated);
+        let card = device("Card", DeviceKind::Discrete);
+        let chosen = |presents: [bool; 3], selection: &Selection| {
+            choose(&[(&card, presents[0]), (&chip, presents[1]), (&software, presents[2])], selection)
+        };
+        assert_eq!(chosen([true, true, true], &Selection::Auto), Some(0));
+        assert_eq!(chosen([false, true, true], &Selection::Auto), Some(1));
+        assert_eq!(chosen([false, false, true], &Selection::Auto), Some(0));
+        for wanted in ["card", "0"] {
+            assert_eq!(chosen([false, true, true], &named(wanted)), Some(0));
+        }
+    }
+
     #[test]
     fn auto_never_takes_software_and_names_it() {
         let software = device("llvmpipe", DeviceKind::Software);
-        let devices = numbered(&[&software]);
+        let devices = [(&software, true)];
         assert_eq!(choose(&devices, &Selection::Auto), None);
-        let message = why_none(&devices, &Selection::Auto, false);
+        let message = why_none(&devices, &Selection::Auto);
         assert!(message.contains("--device can ask for a software one (0: llvmpipe)"), "{message}");
     }
 
@@ -310,16 +319,13 @@ mod tests {
     fn name_matches_in_part_whatever_the_case_and_numbers_are_those_of_the_list() {
         let (card, software) =
             (device("Card", DeviceKind::Discrete), device("llvmpipe", DeviceKind::Software));
-        let devices = numbered(&[&card, &software]);
+        let devices = without_window(&[&card, &software]);
         assert_eq!(choose(&devices, &named("LLVM")), Some(1));
         assert_eq!(choose(&devices, &named("1")), Some(1));
         assert_eq!(choose(&devices, &named("car")), Some(0));
-        // The first does not present.
-        assert_eq!((choose(&devices[1..], &named("1")), choose(&devices[1..], &named("0"))), (Some(0), None));
-        let message = why_none(&devices[1..], &named("0"), true);
-        assert!(
-            message.contains("none of those that present to the window matches --device 0 (1: llvmpipe)")
-        );
+        // A number of none is a part of a name.
+        let numbered = device("Card 7", DeviceKind::Discrete);
+        assert_eq!(choose(&without_window(&[&software, &numbered]), &named("7")), Some(1));
     }
 
     #[test]
@@ -333,19 +339,17 @@ mod tests {
     fn unknown_name_and_index_list_what_there_is() {
         let software = device("llvmpipe", DeviceKind::Software);
         for wanted in ["radeon", "1"] {
-            let devices = numbered(&[&software]);
+            let devices = without_window(&[&software]);
             assert_eq!(choose(&devices, &named(wanted)), None);
-            let message = why_none(&devices, &named(wanted), false);
+            let message = why_none(&devices, &named(wanted));
             assert!(message.contains(&format!("--device {wanted} (0: llvmpipe)")), "{message}");
         }
     }
 
     #[test]
     fn no_device_at_all_is_said() {
-        let message = why_none(&[], &named("0"), false);
+        let message = why_none(&[], &named("0"));
         assert!(message.contains("no driver offers a device"), "{message}");
-        let message = why_none(&[], &named("0"), true);
-        assert!(message.contains("presents to the window"), "{message}");
     }
 
     #[test]

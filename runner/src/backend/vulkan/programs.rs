@@ -21,6 +21,8 @@ const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
 /// The pipelines of a backend: at most one for each kernel, for the features of the present scene.
 #[derive(Default)]
 pub(super) struct Programs {
+    /// Whether a window waits for submissions.
+    is_for_window: bool,
     features: Features,
     made: Vec<Program>,
     /// How long it took to make them and those before.
@@ -44,6 +46,11 @@ pub(super) struct Pass {
 }
 
 impl Programs {
+    /// None yet, of a backend whose pictures a window shows: submissions are short.
+    pub(super) fn for_window() -> Self {
+        Programs { is_for_window: true, ..Programs::default() }
+    }
+
     /// From now on pipelines are made for `features`. Those that hold other code are dropped, and the others forget
     /// what they measured, since the scene changes.
     pub(super) fn set_features(&mut self, features: Features) {
@@ -79,7 +86,7 @@ impl Programs {
                 let features = self.features;
                 let start = Instant::now();
                 let pipeline = Pipeline::new(device, kernel, features)?;
-                let pacer = Pacer::new(device.physical().presents);
+                let pacer = Pacer::new(self.is_for_window);
                 self.compile_time += start.elapsed();
                 self.made.push(Program { pipeline, kernel, features, pacer });
                 self.made.len() - 1

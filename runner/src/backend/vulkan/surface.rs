@@ -2,16 +2,13 @@
 
 use super::device::Device;
 use super::instance::Instance;
+use super::window::Window;
 use crate::backend::BackendError;
 use ash::prelude::VkResult;
 use ash::vk;
-use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
+use raw_window_handle::HandleError;
 use std::ffi::c_char;
 use std::sync::Arc;
-
-/// A window, with the connection to its display. The thread that shows pictures in it need not be the one that has it.
-pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
-impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
 /// Destroys the surface when dropped.
 pub(super) struct Surface {
@@ -30,7 +27,7 @@ pub(super) fn extensions(window: &dyn Window) -> Result<&'static [*const c_char]
 }
 
 fn no_handle(error: HandleError) -> BackendError {
-    BackendError::NoDevice { reason: format!("the window cannot be drawn in ({error})") }
+    BackendError::CannotPresent { reason: format!("the window cannot be drawn in ({error})") }
 }
 
 impl Surface {

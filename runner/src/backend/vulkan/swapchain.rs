@@ -3,9 +3,7 @@
 use super::buffer::Buffer;
 use super::commands::allocate_buffer;
 use super::device::{Device, Owned};
-use super::instance::Instance;
-use super::surface::{Surface, Window, extensions};
-use super::{OpenDevice, Selection, physical};
+use super::surface::Surface;
 use crate::backend::BackendError;
 use ash::vk;
 use std::sync::Arc;
@@ -72,25 +70,8 @@ impl Drop for Chain {
 }
 
 impl Swapchain {
-    /// Opens the selected device, of those that can present to `window`, and prepares to show pictures there. The
-    /// device is returned for a [backend](super::VulkanBackend::on).
-    ///
-    /// # Errors
-    /// [`BackendError::NoDevice`] where nothing matches `selection`, [`BackendError::NoValidation`] where the layers
-    /// are asked for and are not installed.
-    pub fn open(
-        window: Arc<dyn Window>,
-        selection: &Selection,
-        validate: bool,
-    ) -> Result<(Self, OpenDevice), BackendError> {
-        let instance = Arc::new(Instance::new(validate, extensions(window.as_ref())?)?);
-        let surface = Surface::new(&instance, window)?;
-        let found = physical::enumerate(&instance, Some(&surface))?;
-        let device = Device::new(instance, physical::select(found, selection, true)?)?;
-        Ok((Self::new(&device, surface)?, OpenDevice(device)))
-    }
-
-    fn new(device: &Arc<Device>, surface: Surface) -> Result<Self, BackendError> {
+    /// Prepares to show pictures in the window of `surface`, which the device presents to.
+    pub(super) fn new(device: &Arc<Device>, surface: Surface) -> Result<Self, BackendError> {
         let info = vk::CommandPoolCreateInfo::default()
             .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER)
             .queue_family_index(device.queue_family());
@@ -440,7 +421,7 @@ fn semaphore(device: &Arc<Device>) -> Result<Owned<vk::Semaphore>, BackendError>
 }
 
 fn unfit(reason: &str) -> BackendError {
-    BackendError::NoDevice { reason: reason.to_owned() }
+    BackendError::CannotPresent { reason: reason.to_owned() }
 }
 
 /// The size of a swapchain's images: the window's, or what the pictures are, as near as it may be.

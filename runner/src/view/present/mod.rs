@@ -8,7 +8,7 @@ use super::renderer::Start;
 use super::{Engine, Options, ViewError};
 use crate::backend::cpu::{self, CpuBackend};
 use crate::backend::select::{BackendChoice, can_be_replaced, selection};
-use crate::backend::vulkan::{Swapchain, VulkanBackend};
+use crate::backend::vulkan::{OpenDevice, VulkanBackend};
 use crate::backend::{BackendError, DeviceKind};
 use software::Software;
 use std::sync::Arc;
@@ -63,9 +63,10 @@ pub(super) struct Opened {
 
 /// Opens what shows pictures in `window`, and what renders them. `wake` wakes the window's loop.
 ///
-/// A swapchain of a device that is software would put each picture behind the submission under way, and have the
-/// processor copy it three times: there the window's system takes pictures as they are. For tests swapchains may be
-/// asked for nevertheless.
+/// A device need not present to the window to render for it: where it does not, as a card without a screen whose window
+/// is seen from elsewhere, the window's system takes pictures as they are. So it does where the device is software, whose
+/// swapchain would put each picture behind the submission under way, and have the processor copy it three times. For
+/// tests swapchains may be asked for nevertheless.
 pub(super) fn open(
     window: &Arc<Window>,
     options: &Options,
@@ -77,29 +78,28 @@ pub(super) fn open(
         return on_cpu(window);
     }
     let for_surface: Arc<dyn crate::backend::vulkan::Window> = Arc::<Window>::clone(window);
-    match Swapchain::open(for_surface, &selection(device), validate) {
-        Ok((swapchain, opened)) => {
-            let presenter: Box<dyn Presenter> = if by_swapchain || opened.info().kind != DeviceKind::Software
-            {
-                Box::new(OnSwapchain::new(swapchain, Arc::clone(window), wake))
-            } else {
-                Box::new(software(window)?)
-            };
-            let device = Some(device.map_or_else(|| opened.selector().to_owned(), str::to_owned));
-            Ok(Opened {
-                presenter,
-                engine: Engine { backend: BackendChoice::Vulkan, device },
-                device: opened.info().name.clone(),
-                start: Box::new(move || Ok(Box::new(VulkanBackend::on(opened)?))),
-            })
-        }
+    let (opened, swapchain) = match OpenDevice::for_window(for_surface, &selection(device), validate) {
+        Ok(opened) => opened,
         Err(error) if is_replaceable(choice, device) && can_be_replaced(&error) => {
             tracing::info!("rendering on the CPU: {error}");
-            on_cpu(window)
+            return on_cpu(window);
         }
-        Err(error @ BackendError::NoValidation) => Err(error.into()),
-        Err(source) => Err(ViewError::CannotPresent { source }),
-    }
+        Err(source @ BackendError::NoDevice { .. }) => return Err(ViewError::NoDevice { source }),
+        Err(error) => return Err(error.into()),
+    };
+    let wants_swapchain = by_swapchain || opened.info().kind != DeviceKind::Software;
+    let presenter: Box<dyn Presenter> = match swapchain {
+        Ok(swapchain) if wants_swapchain => Box::new(OnSwapchain::new(swapchain, Arc::clone(window), wake)),
+        Err(error) if wants_swapchain => instead_of_swapchain(window, &error)?,
+        _ => by_system(window)?,
+    };
+    let device = Some(device.map_or_else(|| opened.selector().to_owned(), str::to_owned));
+    Ok(Opened {
+        presenter,
+        engine: Engine { backend: BackendChoice::Vulkan, device },
+        device: opened.info().name.clone(),
+        start: Box::new(move || Ok(Box::new(VulkanBackend::on(opened)?))),
+    })
 }
 
 /// Whether the CPU may stand for what was asked for: not for a device that has a name.
@@ -110,13 +110,23 @@ pub(super) fn is_replaceable(choice: BackendChoice, device: Option<&str>) -> boo
 /// The same without Vulkan.
 pub(super) fn on_cpu(window: &Arc<Window>) -> Result<Opened, ViewError> {
     Ok(Opened {
-        presenter: Box::new(software(window)?),
+        presenter: by_system(window)?,
         start: Box::new(|| Ok(Box::new(CpuBackend::new()))),
         engine: Engine::CPU,
         device: cpu::device_info().name,
     })
 }
 
-fn software(window: &Arc<Window>) -> Result<Software, ViewError> {
-    Software::new(Arc::clone(window)).map_err(|reason| ViewError::Window { reason: reason.to_string() })
+/// What shows pictures where a swapchain does not, and says why.
+pub(super) fn instead_of_swapchain(
+    window: &Arc<Window>,
+    error: &BackendError,
+) -> Result<Box<dyn Presenter>, ViewError> {
+    tracing::info!("pictures are shown by the window's system: {error}");
+    by_system(window)
+}
+
+fn by_system(window: &Arc<Window>) -> Result<Box<dyn Presenter>, ViewError> {
+    let opened = Software::new(Arc::clone(window));
+    Ok(Box::new(opened.map_err(|reason| ViewError::Window { reason: reason.to_string() })?))
 }
