@@ -196,7 +196,8 @@ const PACKAGES: &[Package] = &[
     Package { name: "xvfb", is_there: || has_program("Xvfb") },
     Package { name: "xdotool", is_there: || has_program("xdotool") },
     Package { name: "openbox", is_there: || has_program("openbox") },
-    Package { name: "weston", is_there: || has_program("weston") },
+    Package { name: "sway", is_there: || has_program("sway") },
+    Package { name: "grim", is_there: || has_program("grim") },
     // What a window loads when it opens.
     Package { name: "libxcursor1", is_there: || has_library("libXcursor.so.1") },
     Package { name: "libxi6", is_there: || has_library("libXi.so.6") },

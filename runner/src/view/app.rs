@@ -1,39 +1,22 @@
 //! The window.
 
+mod actions;
+mod events;
+mod showing;
 mod steps;
 
-use super::canvas::{Canvas, Font};
-use super::input::Input;
-use super::overlay::{self, Status};
-use super::present::{self, Opened, PresentError, Presenter, Progress};
+use super::overlay::Status;
+use super::present::{self, Opened, Presenter};
 use super::renderer::{Handle, Reading, Report, Seen, Setup, Wanted};
-use super::screen::{Delays, RETRY, Screen, UnderWay};
-use super::state::{Effect, State};
-use super::{Engine, Failure, Options, Shot, Source, ViewError};
-use std::io::Write;
+use super::screen::{Delays, Screen};
+use super::state::State;
+use super::{Engine, Failure, Options, Source, ViewError};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
-use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
-use winit::event::{
-    DeviceEvent, DeviceId, ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent,
-};
-use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
-use winit::keyboard::PhysicalKey;
-use winit::window::{CursorGrabMode, Window, WindowId};
-
-/// How often the camera moves while a key is held.
-const TICK: Duration = Duration::from_millis(16);
-/// How often the window's title changes.
-const TITLE: Duration = Duration::from_millis(250);
-/// How long a step of a script waits.
-const SCRIPT_PATIENCE: Duration = Duration::from_secs(120);
-/// How long a turn without an event lasts at least. On X11 the loop is also woken by answers to the thread that shows
-/// pictures, and again until that thread has read them: it needs the processor for that.
-const IDLE_TURN: Duration = Duration::from_micros(500);
-/// What is below a notch of a touchpad, in pixels.
-const NOTCH: f64 = 40.0;
+use winit::event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy};
+use winit::window::Window;
 
 /// Opens the window and stays until it is closed.
 pub(super) fn run(source: Arc<dyn Source>, options: Options) -> Result<(), ViewError> {
@@ -96,14 +79,27 @@ struct App {
 
 /// What there is while the window is open. The thread ends first, then what shows its pictures.
 struct Open {
-    /// Whether the window's system says that nobody sees it. On X11 a minimised window keeps its size.
-    is_out_of_sight: bool,
+    /// Whether the window's system says that nobody sees it.
+    is_occluded: bool,
+    /// Whether it is minimised, which is asked for: it may keep its size, and nothing may be said of it.
+    is_minimized: bool,
+    /// How many times the usual density the window's screen has, as was told last: what the window itself says may be
+    /// older.
+    density: f64,
     renderer: Handle,
     reports: Receiver<Report>,
     presenter: Box<dyn Presenter>,
     window: Arc<Window>,
     engine: Engine,
     screen: Screen,
+}
+
+impl Open {
+    /// Has another one show pictures from now on. What becomes of the one that is under way nobody will tell.
+    fn present_by(&mut self, presenter: Box<dyn Presenter>) {
+        self.presenter = presenter;
+        self.screen.arrived(false, Instant::now());
+    }
 }
 
 impl Drop for Open {
@@ -174,7 +170,9 @@ impl App {
             report,
         });
         Ok(Open {
-            is_out_of_sight: false,
+            is_occluded: false,
+            is_minimized: false,
+            density: window.scale_factor(),
             renderer,
             reports,
             presenter,
@@ -195,91 +193,6 @@ impl App {
         let Some(size) = open.screen.size else { return };
         self.serial += 1;
         open.renderer.want(Wanted { serial: self.serial, tuning: self.state.tuning.clone(), size });
-    }
-
-    /// The window's system says whether anyone can see the window.
-    fn is_seen(&mut self, is_seen: bool) {
-        if let Some(open) = &mut self.open {
-            open.is_out_of_sight = !is_seen;
-        }
-        self.redraw();
-    }
-
-    fn redraw(&mut self) {
-        if let Some(open) = &mut self.open {
-            open.screen.ask(Instant::now());
-            if !open.screen.is_busy() {
-                open.window.request_redraw();
-            }
-        }
-    }
-
-    fn hear(&mut self, event_loop: &ActiveEventLoop, input: Input) {
-        match self.state.hear(input) {
-            Effect::Nothing => {}
-            Effect::Render => {
-                self.want();
-                self.redraw();
-            }
-            Effect::Redraw => self.redraw(),
-            Effect::Save => {
-                if let Some(open) = &self.open {
-                    open.renderer.save();
-                }
-            }
-            Effect::CopyCommand => self.copy_command(),
-            Effect::Capture(is_captured) => self.capture(is_captured),
-            Effect::Quit => event_loop.exit(),
-        }
-    }
-
-    /// The command line of what is wanted now.
-    fn command(&self) -> Option<String> {
-        let (open, lights) = (self.open.as_ref()?, self.state.lights());
-        Some(self.source.command(&Shot {
-            tuning: &self.state.tuning,
-            lights: &lights,
-            size: open.screen.size.unwrap_or(self.options.size),
-            samples: self.status.samples.max(1),
-            engine: &open.engine,
-            output: None,
-        }))
-    }
-
-    /// The command line of what is seen, in the terminal and on the clipboard.
-    fn copy_command(&mut self) {
-        let Some(command) = self.command() else { return };
-        // A terminal that is closed is no reason to end.
-        let _ = writeln!(std::io::stdout(), "{command}");
-        let copied = match &mut self.clipboard {
-            Some(clipboard) => clipboard.set_text(command),
-            // Kept: on X11 what was copied is there for as long as its program.
-            none => arboard::Clipboard::new().and_then(|new| none.insert(new).set_text(command)),
-        };
-        self.state.message = match copied {
-            Ok(()) => "copied the command line, and printed it".to_owned(),
-            Err(error) => format!("printed the command line; it could not be copied ({error})"),
-        };
-        self.redraw();
-    }
-
-    fn capture(&mut self, is_captured: bool) {
-        let Some(open) = &self.open else { return };
-        let window = &open.window;
-        let grabbed = if is_captured {
-            window
-                .set_cursor_grab(CursorGrabMode::Locked)
-                .or_else(|_| window.set_cursor_grab(CursorGrabMode::Confined))
-        } else {
-            window.set_cursor_grab(CursorGrabMode::None)
-        };
-        let is_held = is_captured && grabbed.is_ok();
-        window.set_cursor_visible(!is_held);
-        if let Err(error) = grabbed {
-            tracing::debug!("the mouse cannot be held in the window: {error}");
-            self.state.release_mouse();
-        }
-        self.redraw();
     }
 
     /// Takes what the renderer has told.
@@ -312,210 +225,11 @@ impl App {
         let Some(open) = &mut self.open else { return };
         match present::on_cpu(&open.window) {
             Ok(Opened { presenter, engine, device, .. }) => {
-                (open.presenter, open.engine) = (presenter, engine);
-                // What becomes of it nobody will tell.
-                open.screen.arrived(false, Instant::now());
+                open.engine = engine;
+                open.present_by(presenter);
                 self.status.device = device;
             }
             Err(error) => self.fail(event_loop, error),
-        }
-    }
-
-    /// When the title may change again, if it has to.
-    fn title_due(&self) -> Option<Instant> {
-        self.is_title_stale.then(|| self.last_title.map_or_else(Instant::now, |last| last + TITLE))
-    }
-
-    fn set_title(&mut self) {
-        if self.title_due().is_none_or(|due| due > Instant::now()) {
-            return;
-        }
-        (self.last_title, self.is_title_stale) = (Some(Instant::now()), false);
-        // Of a window that is minimised X11 tells nothing until it is seen again.
-        let is_minimized = self.open.as_ref().and_then(|open| open.window.is_minimized());
-        if is_minimized == Some(true) {
-            self.is_seen(false);
-        }
-        if let Some(open) = &self.open {
-            open.window.set_title(&overlay::title(&self.options.title, &self.state, &self.status));
-        }
-    }
-
-    /// Shows the newest picture with the panel.
-    fn show(&mut self) -> Result<(), PresentError> {
-        let Some(open) = self.open.as_mut() else { return Ok(()) };
-        if open.screen.is_busy() {
-            // The window's system wants it again: what is under way may be there before that.
-            open.screen.ask(Instant::now());
-            return Ok(());
-        }
-        let was_hidden = open.screen.is_hidden;
-        let size = if open.is_out_of_sight { None } else { open.presenter.size()? };
-        let is_other = open.screen.takes(size);
-        let is_hidden = open.screen.is_hidden;
-        if was_hidden != is_hidden {
-            open.renderer.hide(is_hidden);
-        }
-        if is_other {
-            self.want();
-        }
-        if is_hidden {
-            return Ok(());
-        }
-        let canvas = self.compose();
-        if let (Some(canvas), Some(open)) = (canvas, &mut self.open) {
-            open.screen.hand_over(self.seen.is_some(), Instant::now());
-            let progress = open.presenter.show(canvas)?;
-            self.note(progress);
-        }
-        Ok(())
-    }
-
-    /// Takes what became of the picture that was under way.
-    fn take_outcome(&mut self, event_loop: &ActiveEventLoop) {
-        let outcome = self.open.as_mut().map(|open| open.presenter.outcome());
-        match outcome {
-            Some(Ok(Some(progress))) => self.note(progress),
-            Some(Err(error)) => self.fail_to_present(event_loop, error),
-            Some(Ok(None)) | None => {}
-        }
-    }
-
-    /// Counts pictures that are shown, from the first one of the model.
-    fn note(&mut self, progress: Progress) {
-        let Some(open) = &mut self.open else { return };
-        if progress == Progress::UnderWay {
-            return;
-        }
-        let now = Instant::now();
-        let arrived = open.screen.arrived(progress == Progress::Shown, now);
-        let Some(UnderWay { asked, is_of_model: true }) = arrived else { return };
-        if self.shown == 0 {
-            let took = self.options.start.elapsed();
-            tracing::debug!("the first picture was shown after {:.0} ms", milliseconds(took));
-            (self.answers, self.showings) = (Delays::default(), Delays::default());
-            self.turn = now;
-        } else {
-            self.showings.add(now - asked);
-        }
-        self.shown += 1;
-    }
-
-    /// The newest picture with the panel, of the size that the window takes.
-    fn compose(&self) -> Option<Canvas> {
-        let open = self.open.as_ref()?;
-        let (width, height) = open.screen.size?;
-        let nothing = Canvas::default();
-        let picture = self.seen.as_ref().map_or(&nothing, |seen| &seen.canvas);
-        let mut canvas = picture.scaled(width, height);
-        if self.state.is_panel_open {
-            let font = Font::for_scale(open.window.scale_factor());
-            overlay::draw(&mut canvas, font, &self.state, &self.status);
-        }
-        Some(canvas)
-    }
-
-    /// When there is something to do without an event.
-    fn next_turn(&self) -> ControlFlow {
-        let now = Instant::now();
-        let picture = self.open.as_ref().and_then(|open| open.screen.due(now));
-        let has_script = self.options.script.as_ref().is_some_and(|script| !script.is_done());
-        let script = has_script.then(|| now + RETRY);
-        let tick = self.state.is_moving().then(|| self.last_tick + TICK);
-        let next = [picture, script, tick, self.title_due()].into_iter().flatten().min();
-        next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil)
-    }
-}
-
-impl ApplicationHandler for App {
-    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
-        self.is_idle_turn = matches!(cause, StartCause::WaitCancelled { .. });
-        self.turn = match cause {
-            // The system may have let it wait since then.
-            StartCause::ResumeTimeReached { requested_resume, .. } => requested_resume,
-            _ => Instant::now(),
-        };
-    }
-
-    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
-        if self.open.is_some() {
-            return;
-        }
-        match self.open(event_loop) {
-            Ok(open) => self.open = Some(open),
-            Err(error) => self.fail(event_loop, error),
-        }
-        self.redraw();
-    }
-
-    fn user_event(&mut self, event_loop: &ActiveEventLoop, (): ()) {
-        self.is_idle_turn = false;
-        self.take_outcome(event_loop);
-        self.take_reports(event_loop);
-    }
-
-    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
-        self.is_idle_turn = false;
-        match event {
-            WindowEvent::CloseRequested => event_loop.exit(),
-            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.redraw(),
-            WindowEvent::Occluded(is_occluded) => self.is_seen(!is_occluded),
-            WindowEvent::RedrawRequested => {
-                if let Err(error) = self.show() {
-                    self.fail_to_present(event_loop, error);
-                }
-            }
-            event => {
-                if let Some(input) = input_of(&event) {
-                    self.hear(event_loop, input);
-                }
-            }
-        }
-    }
-
-    fn device_event(&mut self, event_loop: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
-        if let DeviceEvent::MouseMotion { delta: (x, y) } = event {
-            self.hear(event_loop, Input::Motion { x, y });
-        }
-    }
-
-    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        if self.is_idle_turn {
-            return std::thread::sleep(IDLE_TURN);
-        }
-        self.follow_script(event_loop);
-        let elapsed = self.last_tick.elapsed();
-        if !self.state.is_moving() {
-            self.last_tick = Instant::now();
-        } else if elapsed >= TICK {
-            self.last_tick = Instant::now();
-            if self.state.tick(elapsed.as_secs_f64()) {
-                self.want();
-            }
-        }
-        let now = Instant::now();
-        if let Some(open) = &self.open
-            && open.screen.due(now) == Some(now)
-        {
-            open.window.request_redraw();
-        }
-        self.set_title();
-        event_loop.set_control_flow(self.next_turn());
-        self.answers.add(self.turn.elapsed());
-    }
-
-    /// The window goes before its display does.
-    fn exiting(&mut self, _: &ActiveEventLoop) {
-        self.open = None;
-        self.clipboard = None;
-    }
-}
-
-impl App {
-    fn fail_to_present(&mut self, event_loop: &ActiveEventLoop, error: PresentError) {
-        match error {
-            PresentError::Window(reason) => self.fail(event_loop, ViewError::Window { reason }),
-            PresentError::Backend(source) => self.lose(event_loop, source.into()),
         }
     }
 
@@ -523,29 +237,5 @@ impl App {
     fn lose(&mut self, event_loop: &ActiveEventLoop, failure: Failure) {
         let command = self.command().unwrap_or_default();
         self.fail(event_loop, ViewError::Lost { failure, command });
-    }
-}
-
-/// What an event of the window means to the viewer.
-#[expect(clippy::cast_possible_truncation, reason = "rounded")]
-fn input_of(event: &WindowEvent) -> Option<Input> {
-    match event {
-        WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
-            let PhysicalKey::Code(key) = event.physical_key else { return None };
-            let (is_down, is_repeat) = (event.state == ElementState::Pressed, event.repeat);
-            Some(Input::Key { key, is_down, is_repeat })
-        }
-        WindowEvent::MouseInput { state, button: MouseButton::Left, .. } => {
-            Some(Input::Button { is_down: *state == ElementState::Pressed })
-        }
-        WindowEvent::CursorMoved { position, .. } => Some(Input::Pointer { x: position.x, y: position.y }),
-        WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => {
-            Some(Input::Wheel { notches: *y })
-        }
-        WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(delta), .. } => {
-            Some(Input::Wheel { notches: (delta.y / NOTCH) as f32 })
-        }
-        WindowEvent::Focused(false) => Some(Input::FocusLost),
-        _ => None,
     }
 }

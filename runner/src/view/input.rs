@@ -14,7 +14,7 @@ pub(super) enum Input {
     },
     /// The left button went down or up.
     Button { is_down: bool },
-    /// The pointer is at this place in the window, in pixels.
+    /// The pointer is at this place in the window, in pixels of the usual density: the hand goes as far on any screen.
     Pointer { x: f64, y: f64 },
     /// The mouse was moved, whether the pointer can or not.
     Motion { x: f64, y: f64 },

@@ -8,6 +8,7 @@
 //! | `drag X Y` | the pointer is dragged by so many pixels |
 //! | `click`, `wheel NOTCHES`, `move X Y` | the button is clicked, the wheel turned, the captured mouse moved |
 //! | `size WIDTH HEIGHT` | the window is asked to have another size |
+//! | `density FACTOR` | waits until the window is on a screen of that density |
 //! | `samples COUNT` | waits until that many samples of what was asked for are seen |
 //! | `frames COUNT` | waits until that many more pictures of the model have been shown |
 //! | `message TEXT` | waits until the panel's message begins so |
@@ -30,6 +31,7 @@ pub struct Script(VecDeque<Step>);
 pub(super) enum Step {
     Inputs(Vec<Input>),
     Size(u32, u32),
+    Density(f64),
     Samples(u32),
     Frames(u32),
     Message(String),
@@ -127,6 +129,7 @@ fn step(text: &str) -> Option<Step> {
             let (width, height) = rest.split_once(' ')?;
             Step::Size(width.parse().ok()?, height.parse().ok()?)
         }
+        "density" => Step::Density(rest.parse().ok()?),
         "samples" => Step::Samples(rest.parse().ok()?),
         "frames" => Step::Frames(rest.parse().ok()?),
         "message" => Step::Message(rest.to_owned()),

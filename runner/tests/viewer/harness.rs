@@ -5,13 +5,13 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
 
 /// Whoever measures times has the machine to itself, as far as these tests go; the others share it.
 static MACHINE: RwLock<()> = RwLock::new(());
 
-enum Machine {
+pub(crate) enum Machine {
     Shared { _guard: RwLockReadGuard<'static, ()> },
     Alone { _guard: RwLockWriteGuard<'static, ()> },
 }
@@ -19,12 +19,12 @@ enum Machine {
 /// A display, with a folder in which it keeps what is its own.
 pub(crate) struct Display {
     /// What minimises windows, where there is one. It ends before the server.
-    manager: Option<Child>,
-    server: Child,
-    _machine: Machine,
+    pub(crate) manager: Option<Child>,
+    pub(crate) server: Child,
+    pub(crate) _machine: Machine,
     /// How programs find it.
     pub(crate) environment: Vec<(&'static str, OsString)>,
-    folder: TempDir,
+    pub(crate) folder: TempDir,
 }
 
 impl Drop for Display {
@@ -37,7 +37,7 @@ impl Drop for Display {
 }
 
 /// The server that a command starts, or nothing on a machine without it that is not CI.
-fn started(command: &mut Command) -> Option<Child> {
+pub(crate) fn started(command: &mut Command) -> Option<Child> {
     match command.stderr(Stdio::null()).spawn() {
         Ok(server) => Some(server),
         Err(error) => {
@@ -50,11 +50,16 @@ fn started(command: &mut Command) -> Option<Child> {
     }
 }
 
+impl Machine {
+    pub(crate) fn shared() -> Machine {
+        Machine::Shared { _guard: MACHINE.read().unwrap_or_else(PoisonError::into_inner) }
+    }
+}
+
 impl Display {
     /// One of X11, in memory.
     pub(crate) fn start() -> Option<Display> {
-        let guard = MACHINE.read().unwrap_or_else(PoisonError::into_inner);
-        Self::x11(Machine::Shared { _guard: guard })
+        Self::x11(Machine::shared())
     }
 
     /// The same, while no other test has a display.
@@ -81,25 +86,6 @@ impl Display {
         let told = server.stdout.take().expect("piped");
         BufReader::new(told).read_line(&mut number).expect("Xvfb tells its number");
         let environment = vec![("DISPLAY", format!(":{}", number.trim()).into())];
-        Some(Display { manager: None, server, _machine: machine, environment, folder })
-    }
-
-    /// One of Wayland, that shows its screen to nobody.
-    pub(crate) fn wayland() -> Option<Display> {
-        let guard = MACHINE.read().unwrap_or_else(PoisonError::into_inner);
-        let folder = tempfile::tempdir().expect("a folder");
-        let mut weston = Command::new("weston");
-        weston.args(["--backend=headless-backend.so", "--socket=wayland-test", "--idle-time=0"]);
-        let server = started(weston.env("XDG_RUNTIME_DIR", folder.path()).stdout(Stdio::null()))?;
-        let socket = folder.path().join("wayland-test");
-        let start = Instant::now();
-        while !socket.exists() {
-            assert!(start.elapsed() < Duration::from_secs(30), "weston has no socket");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        let environment =
-            vec![("WAYLAND_DISPLAY", "wayland-test".into()), ("XDG_RUNTIME_DIR", folder.path().into())];
-        let machine = Machine::Shared { _guard: guard };
         Some(Display { manager: None, server, _machine: machine, environment, folder })
     }
 
@@ -213,6 +199,10 @@ impl Viewer {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.program.id())).expect("it runs");
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("its memory");
         line.trim().trim_end_matches("kB").trim().parse::<u64>().expect("a number") * 1024
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.place.path()
     }
 
     pub(crate) fn path(&self, name: &str) -> PathBuf {

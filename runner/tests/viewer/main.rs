@@ -1,13 +1,16 @@
-//! The viewer in a window of a display of its own (Xvfb): what it shows, what it hears, and how it ends. Those tests
-//! that run on lavapipe are in `vulkan`.
+//! The viewer in a window of a display of its own (Xvfb, and in `screens` sway): what it shows, what it hears, and how
+//! it ends. Those tests that run on lavapipe are in modules called `vulkan`.
 
 mod harness;
+mod screens;
+mod sway;
+mod x11;
 
 use harness::{Display, Viewer, emboss};
 use image::RgbaImage;
 use std::io::{BufReader, Write};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// A quick scene that fills its background, so that a picture is what a screen shows.
 const QUICK: [&str; 8] = ["builtin:cube", "-", "-", "-", "-", "4", "--seed=1", "--background=0.25,0.5,1"];
@@ -296,23 +299,6 @@ fn window_hears_the_display() {
     assert_hears(&["--backend=cpu"]);
 }
 
-/// The same pictures on Wayland: sizes, keys, and what was saved. Nobody sees the screen.
-fn assert_shows_on_wayland(backend: &[&str]) {
-    let Some(display) = Display::wayland() else { return };
-    let script = "samples 1\nhold right\nframes 3\nrelease right\nsize 96 72\nframes 1\nrenew\nsamples 2\nframes 2\n\
-        key p\nmessage wrote\nquit";
-    let arguments = [&QUICK[..], backend, &["--size=120x90", "--samples=2"]].concat();
-    let place = Viewer::start(&display, &arguments, script).ends_well();
-    let (rendered, saved) = rendered_again(place.path(), "a.png");
-    assert_eq!(saved.dimensions(), (96, 72));
-    assert!(rendered == saved);
-}
-
-#[test]
-fn window_opens_on_wayland() {
-    assert_shows_on_wayland(&["--backend=cpu"]);
-}
-
 #[test]
 fn settings_go_back_to_what_was_loaded() {
     let Some(display) = Display::start() else { return };
@@ -381,58 +367,6 @@ fn relief_is_seen_when_its_map_comes_and_when_it_changes() {
     assert!(rendered == last);
 }
 
-/// Nobody sees a minimised window: nothing is rendered, no processor is busy, and when it is back the picture goes on
-/// from where it was.
-fn assert_waits_while_minimised(backend: &[&str], samples: u32) {
-    let Some(display) = Display::managed() else { return };
-    let script = format!(
-        "key tab\nsamples 2\nsay READY\nsamples {samples}\nkey p\nmessage wrote\nsamples {samples}\nframes 1\n\
-         say SAVED\nmessage never"
-    );
-    let samples_option = format!("--samples={samples}");
-    let arguments = [&QUICK[..], backend, &["--size=200x150", &samples_option]].concat();
-    let mut viewer = Viewer::start(&display, &arguments, &script);
-    viewer.hears("READY");
-    let window = display.xdotool(&["search", "--name", "emboss"]);
-    display.xdotool(&["windowminimize", &window]);
-    let start = Instant::now();
-    // A script that waits looks 200 times a second whether it still has to.
-    while viewer.load(Duration::from_millis(300)) > 0.15 {
-        assert!(start.elapsed() < Duration::from_secs(20), "it goes on rendering");
-    }
-    let load = viewer.load(Duration::from_secs(1));
-    assert!(load < 0.15, "{load} of a processor");
-    let before = viewer.processor_time();
-    display.xdotool(&["windowactivate", &window]);
-    assert_eq!(viewer.hears("SAVED"), samples);
-    let rendering = viewer.processor_time() - before;
-    assert!(rendering > 0.3, "it had not rendered all before: {rendering} s");
-    // Within the frame that the manager gives it, wherever that is, and as soon as the screen has it.
-    let saved = image::open(viewer.path("a.png")).expect("a PNG").to_rgba8();
-    let is_shown = || {
-        let screen = display.screen();
-        let mut places = (0..440).flat_map(|x| (0..330).map(move |y| (x, y)));
-        places.any(|(left, top)| shows(&|x, y| screen(left + x, top + y), &saved))
-    };
-    let start = Instant::now();
-    // The pointer would be seen too, and the manager may not leave it where it was put.
-    while !is_shown() {
-        display.xdotool(&["mousemove", "639", "479"]);
-        assert!(start.elapsed() < Duration::from_secs(20), "the screen shows what was saved");
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    viewer.focus(&display);
-    display.xdotool(&["key", "Escape"]);
-    let place = viewer.ends_well();
-    let (rendered, saved) = rendered_again(place.path(), "a.png");
-    assert!(rendered == saved);
-}
-
-#[test]
-fn minimised_window_waits() {
-    assert_waits_while_minimised(&["--backend=cpu"], 80);
-}
-
 #[test]
 fn no_display_points_to_render() {
     let place = tempfile::tempdir().expect("a folder");
@@ -461,7 +395,7 @@ mod vulkan {
 
     const LAVAPIPE: [&str; 3] = ["--backend=vulkan", "--device=llvmpipe", "--validate"];
     /// As on hardware.
-    const SWAPCHAIN: [&str; 4] = [LAVAPIPE[0], LAVAPIPE[1], LAVAPIPE[2], BY_SWAPCHAIN];
+    pub(crate) const SWAPCHAIN: [&str; 4] = [LAVAPIPE[0], LAVAPIPE[1], LAVAPIPE[2], BY_SWAPCHAIN];
 
     #[test]
     fn screen_shows_what_render_renders() {
@@ -499,22 +433,12 @@ mod vulkan {
     }
 
     #[test]
-    fn minimised_window_waits() {
-        assert_waits_while_minimised(&SWAPCHAIN, 30);
-    }
-
-    #[test]
     fn window_hears_the_display() {
         assert_hears(&SWAPCHAIN);
     }
 
     #[test]
-    fn window_opens_on_wayland() {
-        assert_shows_on_wayland(&SWAPCHAIN);
-    }
-
-    #[test]
-    fn device_that_cannot_present_points_to_render() {
+    fn without_a_device_it_points_to_render() {
         let Some(display) = Display::start() else { return };
         let place = tempfile::tempdir().expect("a folder");
         let none = place.path().join("none.json");

@@ -1,19 +1,22 @@
 //! What is done in place of a user.
 
-use super::{App, SCRIPT_PATIENCE};
+use super::App;
 use crate::view::ViewError;
 use crate::view::script::{Script, Step};
 use std::io::Write;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
+
+/// How long a step waits.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 impl App {
     /// Does the steps of the script that can be done.
     pub(super) fn follow_script(&mut self, event_loop: &ActiveEventLoop) {
         while let Some(step) = self.options.script.as_mut().and_then(Script::next).cloned() {
             let since = *self.step_since.get_or_insert_with(Instant::now);
-            if since.elapsed() > SCRIPT_PATIENCE {
+            if since.elapsed() > PATIENCE {
                 return self.fail(event_loop, ViewError::Stuck { step: format!("{step:?}") });
             }
             if !self.do_step(event_loop, step) {
@@ -47,6 +50,9 @@ impl App {
                     self.redraw();
                     return false;
                 }
+            }
+            Step::Density(density) => {
+                return self.open.as_ref().is_some_and(|open| open.density == density);
             }
             Step::Samples(samples) => {
                 let is_shown = self.open.as_ref().is_some_and(|open| open.screen.is_up_to_date());
