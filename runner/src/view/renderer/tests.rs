@@ -1,11 +1,13 @@
 use super::*;
 use crate::backend::select::BackendChoice;
-use crate::backend::{BuildReport, DeviceInfo, Totals};
+use crate::backend::{BuildReport, DeviceInfo, SceneBuffers, Totals};
 use crate::bvh::Bvh;
 use crate::render::Scene;
 use crate::scene::{HeightMap, Mesh, Relief};
 use crate::settings::{Settings, Shade, Wrap};
+use crate::view::Loaded;
 use emboss_kernels::interface::{Displacement, Intersection, NO_SEAMS, PointLight, Ray, Triangle, Vertex};
+use emboss_kernels::scene::Features;
 use glam::{Vec2, Vec3, Vec4};
 use std::sync::mpsc::{Receiver, channel};
 
