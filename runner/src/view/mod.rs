@@ -200,8 +200,8 @@ impl From<BackendError> for ViewError {
 /// Opens the window and stays until it is closed.
 ///
 /// # Errors
-/// [`ViewError::NoDisplay`] and [`ViewError::NoDevice`] where there is nothing to show pictures on or by; else what the scene, the
-/// device or the window failed with.
+/// [`ViewError::NoDisplay`] and [`ViewError::NoDevice`] where there is nothing to show pictures on or by; else what the
+/// scene, the device or the window failed with.
 pub fn run(source: Box<dyn Source>, options: Options) -> Result<(), ViewError> {
     app::run(source.into(), options)
 }

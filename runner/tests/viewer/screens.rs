@@ -57,8 +57,8 @@ fn eye_after_drag(viewer: &mut Viewer, display: &Display, window: &str, pixels: 
     numbers(&command, "--eye=")
 }
 
-/// On a screen that becomes twice as dense the window has twice as many columns and rows, the picture and the panel too,
-/// and the same way of the hand turns the model as far.
+/// On a screen that becomes twice as dense the window has twice as many columns and rows, the picture and the panel
+/// too, and the same way of the hand turns the model as far.
 fn assert_follows_density(backend: &[&str]) {
     let Some(display) = Display::start() else { return };
     let desktop = Desktop::of(&display);

@@ -46,7 +46,7 @@ impl Desktop {
         let (name, serial) = ("Xft/DPI", 0_u32);
         // Little-endian, three bytes that mean nothing, serial, number of settings; type (an integer) and a byte.
         let mut block = vec![0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0];
-        block.extend((name.len() as u16).to_le_bytes());
+        block.extend(u16::try_from(name.len()).expect("short").to_le_bytes());
         block.extend(name.as_bytes());
         // Names are filled up to four bytes.
         block.push(0);

@@ -64,9 +64,9 @@ pub(super) struct Opened {
 /// Opens what shows pictures in `window`, and what renders them. `wake` wakes the window's loop.
 ///
 /// A device need not present to the window to render for it: where it does not, as a card without a screen whose window
-/// is seen from elsewhere, the window's system takes pictures as they are. So it does where the device is software, whose
-/// swapchain would put each picture behind the submission under way, and have the processor copy it three times. For
-/// tests swapchains may be asked for nevertheless.
+/// is seen from elsewhere, the window's system takes pictures as they are. So it does where the device is software,
+/// whose swapchain would put each picture behind the submission under way, and have the processor copy it three times.
+/// For tests swapchains may be asked for nevertheless.
 pub(super) fn open(
     window: &Arc<Window>,
     options: &Options,
