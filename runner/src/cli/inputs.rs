@@ -558,8 +558,13 @@ impl Described {
     fn of_model(material: ModelMaterial, scale: f32) -> Described {
         let named = [&material.color, &material.normal, &material.height].into_iter().flatten();
         let missing = named.map(|map| map.path.clone()).filter(|path| !path.is_file()).collect();
-        let color = existing(material.color).map(|map| (map, MATERIAL));
-        let color = color.or_else(|| existing(material.normal.clone()).map(|map| (map, NORMAL_MAP)));
+        let mut normal = material.normal;
+        let mut color = existing(material.color).map(|map| (map, MATERIAL));
+        if color.is_none() {
+            // Where it is not there it was warned of now, and is not looked for again.
+            normal = existing(normal);
+            color = normal.clone().map(|map| (map, NORMAL_MAP));
+        }
         let height = existing(material.height);
         // base + gain t = gain (t + base / gain)
         let range = height.as_ref().and_then(|map| map.base_and_gain);
@@ -583,7 +588,7 @@ impl Described {
             color: color_origin,
             zero: if range.is_some() { MATERIAL } else { DEFAULT },
             scale: if range.is_some() { MATERIAL } else { DEFAULT },
-            normal: if material.normal.is_some() { MATERIAL } else { DEFAULT },
+            normal: if normal.is_some() { MATERIAL } else { DEFAULT },
             missing,
             source: MaterialSource {
                 albedo: material.albedo,
@@ -595,7 +600,7 @@ impl Described {
                 zero: range.map(|(base, gain)| -base / gain),
                 scale: range.map_or(scale, |(_, gain)| gain),
                 invert: false,
-                normal: material.normal.map(|MapFile { path, wrap, .. }| NormalSource {
+                normal: normal.map(|MapFile { path, wrap, .. }| NormalSource {
                     path,
                     space: NormalSpace::Tangent,
                     wrap,
