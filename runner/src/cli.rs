@@ -383,8 +383,10 @@ impl RenderArgs {
         let rendering = render(backend.as_mut(), &job, samples, &mut |share| {
             bar.set_position(progress::position(f64::from(share)));
             if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })?;
+        });
         bar.finish_and_clear();
+        let rendering =
+            rendering.map_err(|source| CliError::Unfinished { source, path: destination.path.clone() })?;
 
         warn_of_caps(&rendering);
         destination.write(&rendering.picture, &self.command_line())?;

@@ -552,9 +552,7 @@ pub enum BackendError {
         count: usize,
     },
     /// The device stopped answering.
-    #[error(
-        "{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help"
-    )]
+    #[error("{device} was lost while {what}; a smaller N or --backend cpu may help")]
     DeviceLost {
         /// The device.
         device: String,
@@ -574,7 +572,10 @@ pub enum BackendError {
         what: &'static str,
     },
     /// Memory could not be had.
-    #[error("no memory for {name} ({bytes} bytes): {reason}")]
+    #[error(
+        "no memory for {name} ({bytes} bytes): {reason}; end other programs, or use fewer pixels, smaller maps or a \
+         smaller model"
+    )]
     Allocation {
         /// The buffer.
         name: &'static str,

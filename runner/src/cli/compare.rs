@@ -99,7 +99,7 @@ impl CompareArgs {
         });
         bar.finish_and_clear();
         // What is measured can be looked at before the rest is.
-        if matches!(measured, Ok(()) | Err(CompareError::Interrupted)) {
+        if matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. })) {
             report::write(&store).map_err(CompareError::from)?;
         }
         measured?;
