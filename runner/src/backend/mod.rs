@@ -667,8 +667,8 @@ pub trait Backend {
     fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError>;
 }
 
-/// The hash of the kernels' sources, which is what the CPU runs too.
-pub(crate) fn kernels_hash() -> String {
+/// The hash of the kernels' sources, which is what the CPU runs too, as the manifest of the modules has it.
+pub fn kernels_hash() -> String {
     let manifest: Option<serde_json::Value> =
         serde_json::from_str(include_str!("../../../assets/kernels.json")).ok();
     manifest.and_then(|manifest| Some(manifest["source_hash"].as_str()?.to_owned())).unwrap_or_default()
