@@ -1,7 +1,8 @@
 //! `emboss compare`.
 
+use super::arguments::RenderArgs;
 use super::interrupt::Interrupt;
-use super::{CliError, RenderArgs, progress, say, values};
+use super::{CliError, progress, say, values};
 use crate::backend::kernels_hash;
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
