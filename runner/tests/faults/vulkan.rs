@@ -180,7 +180,8 @@ fn lost_surfaces_and_stale_swapchains_are_made_anew() {
         fault(PRESENT, 6, stale),
     ];
     place.plan(&faults);
-    let script = "samples 1\nframes 3\nkey tab\nkey v\nsamples 4\nframes 3\nkey p\nmessage wrote\nsay SHOWN\nmessage never";
+    let script = "samples 1\nframes 3\nkey tab\nkey v\nsamples 4\nframes 3\nkey p\nmessage wrote\nsay SHOWN\n\
+        message never";
     let arguments = ["--by-swapchain", "--samples=4", "--background=0.25,0.5,1"];
     let mut viewer = view(&place, &mut display, &arguments, script);
     assert_eq!(viewer.hears("SHOWN"), 4);
