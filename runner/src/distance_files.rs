@@ -185,10 +185,7 @@ impl DistanceFile {
         file.write_all(&self.key)?;
         file.write_all(&Sha256::digest(&floats))?;
         file.write_all(&floats)?;
-        // A full disk may show only when the data leave the cache; the rename must not come before.
-        file.as_file().sync_all()?;
-        file.persist(&self.path).map_err(|error| error.error)?;
-        Ok(())
+        whole_file::keep(file, &self.path)
     }
 }
 

@@ -119,10 +119,7 @@ impl Destination {
         encode(picture, self.format, command, &mut writer).map_err(failed)?;
         let flushed = writer.flush();
         drop(writer);
-        // A full disk may show only when the data leave the cache; the rename must not come before.
-        flushed.and_then(|()| file.as_file().sync_all()).map_err(|e| failed(e.into()))?;
-        file.persist(self.target()).map_err(|e| failed(e.error.into()))?;
-        Ok(())
+        flushed.and_then(|()| whole_file::keep(file, &self.target())).map_err(|e| failed(e.into()))
     }
 
     /// What the rename replaces: behind a symbolic link the file that it leads to, so that the link survives.

@@ -1,6 +1,6 @@
 //! Files that are written whole, or not at all.
 
-use std::io;
+use std::io::{self, Write};
 use std::path::Path;
 use tempfile::NamedTempFile;
 
@@ -20,4 +20,18 @@ pub(crate) fn temporary(path: &Path) -> io::Result<NamedTempFile> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder(path))
+}
+
+/// Gives a [`temporary`] file its name: what had it before is replaced.
+pub(crate) fn keep(file: NamedTempFile, path: &Path) -> io::Result<()> {
+    // A full disk may show only when the data leave the cache; the rename must not come before.
+    file.as_file().sync_all()?;
+    file.persist(path).map(drop).map_err(|error| error.error)
+}
+
+/// Writes a file of `content`.
+pub(crate) fn write(path: &Path, content: &[u8]) -> io::Result<()> {
+    let mut file = temporary(path)?;
+    file.write_all(content)?;
+    keep(file, path)
 }

@@ -371,6 +371,18 @@ fn normal_map_stands_in_for_a_missing_colour_map_only() {
     assert!(run.stdout.contains("color.png  (from the materials)"), "{}", run.stdout);
 }
 
+/// Also where it is wanted twice: as a colour map, and by a method that reads normals.
+#[test]
+fn missing_map_is_warned_of_once() {
+    let model = format!("mtllib maps.mtl\nusemtl skin\n{TRIANGLE}");
+    let place = Place::new().with("model.obj", model).with("maps.mtl", "newmtl skin\nnorm normal.png\n");
+    for method in ["--method=normal-map", "--method=bump"] {
+        let run = place.render(&["model.obj", method]).succeeded();
+        assert!(run.stdout.contains("color  none  (default)"), "{}", run.stdout);
+        assert_eq!(run.stderr.matches("normal.png: the materials name").count(), 1, "{}", run.stderr);
+    }
+}
+
 /// Maps of one texel, whose normals are along the surface's, along its tangent, and along its bitangent.
 fn with_normal_maps(place: Place) -> Place {
     for (name, normal) in

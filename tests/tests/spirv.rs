@@ -19,6 +19,8 @@ fn modules() -> BTreeMap<String, Vec<u8>> {
 fn the_modules_were_made_from_the_present_sources() {
     let hash = sources::source_hash(&workspace()).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(manifest().source_hash, hash, "{MODULES_PATH} is older than the kernels; {REMEDY}");
+    // The program reads it by itself, and knows by it what it has kept from other kernels.
+    assert_eq!(emboss::backend::kernels_hash(), hash);
 }
 
 #[test]

@@ -558,9 +558,7 @@ pub enum BackendError {
         count: usize,
     },
     /// The device stopped answering.
-    #[error(
-        "{device} was lost while {what}; the picture so far is lost, a smaller N or --backend cpu may help"
-    )]
+    #[error("{device} was lost while {what}; a smaller N or --backend cpu may help")]
     DeviceLost {
         /// The device.
         device: String,
@@ -580,7 +578,10 @@ pub enum BackendError {
         what: &'static str,
     },
     /// Memory could not be had.
-    #[error("no memory for {name} ({bytes} bytes): {reason}")]
+    #[error(
+        "no memory for {name} ({bytes} bytes): {reason}; end other programs, or use fewer pixels, smaller maps or a \
+         smaller model"
+    )]
     Allocation {
         /// The buffer.
         name: &'static str,
@@ -672,8 +673,8 @@ pub trait Backend {
     fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError>;
 }
 
-/// The hash of the kernels' sources, which is what the CPU runs too.
-pub(crate) fn kernels_hash() -> String {
+/// The hash of the kernels' sources, which is what the CPU runs too, as the manifest of the modules has it.
+pub fn kernels_hash() -> String {
     let manifest: Option<serde_json::Value> =
         serde_json::from_str(include_str!("../../../assets/kernels.json")).ok();
     manifest.and_then(|manifest| Some(manifest["source_hash"].as_str()?.to_owned())).unwrap_or_default()

@@ -89,12 +89,31 @@ impl BuildArgs {
         let builders = self.builders()?;
         let interrupt = Interrupt::install();
         let bar = progress::bar(self.quiet);
+        let mut all = Vec::new();
+        let measured = self.measure(builders, &bar, &interrupt, &mut all);
+        bar.finish_and_clear();
+        // Whatever has ended it: what was measured until then is known.
+        if let Some(path) = &self.json {
+            write_json(path, &all).map_err(|reason| cannot_write(path, reason))?;
+        }
+        measured?;
+        if interrupt.requested() { Err(CliError::BenchInterrupted) } else { Ok(()) }
+    }
+
+    /// Measures all sizes on all devices, as `all` has them then.
+    fn measure(
+        &self,
+        builders: Vec<Builder>,
+        bar: &ProgressBar,
+        interrupt: &Interrupt,
+        all: &mut Vec<DeviceResults>,
+    ) -> Result<(), CliError> {
         let steps = (builders.len() * self.sizes().len()) as f64;
-        let (mut done, mut all) = (0.0, Vec::new());
+        let mut done = 0.0;
         for mut builder in builders {
             let device = builder.info();
             bar.suspend(|| say_heading(device));
-            let mut results = DeviceResults::new(device);
+            let results = all.push_mut(DeviceResults::new(device));
             for &count in self.sizes() {
                 let watched = |share| {
                     bar.set_position(progress::position((done + share) / steps));
@@ -102,17 +121,12 @@ impl BuildArgs {
                 };
                 if !interrupt.requested() {
                     let measured = builder.measure(count, self.time, watched);
-                    results.sizes.extend(self.report(&bar, count, measured)?);
+                    results.sizes.extend(self.report(bar, count, measured)?);
                 }
                 done += 1.0;
             }
-            all.push(results);
         }
-        bar.finish_and_clear();
-        if let Some(path) = &self.json {
-            write_json(path, &all).map_err(|reason| cannot_write(path, reason))?;
-        }
-        if interrupt.requested() { Err(CliError::BenchInterrupted) } else { Ok(()) }
+        Ok(())
     }
 
     /// Everything that is to be measured, opened, so that it fails early if it does.

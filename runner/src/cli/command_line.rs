@@ -1,8 +1,8 @@
 //! The command line that makes a picture again.
 
+use super::arguments::{RenderArgs, SAMPLES};
 use super::inputs::{MapArgument, ModelArgument};
 use super::values::OrDefault;
-use super::{RenderArgs, SAMPLES};
 use crate::backend::select::BackendChoice;
 use crate::picture::{PictureFormat, srgb_from_linear};
 use crate::settings::{ChannelOrder, Light};

@@ -1,7 +1,8 @@
 //! `emboss compare`.
 
+use super::arguments::RenderArgs;
 use super::interrupt::Interrupt;
-use super::{CliError, RenderArgs, progress, say, values};
+use super::{CliError, progress, say, values};
 use crate::backend::kernels_hash;
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
@@ -99,7 +100,7 @@ impl CompareArgs {
         });
         bar.finish_and_clear();
         // What is measured can be looked at before the rest is.
-        if matches!(measured, Ok(()) | Err(CompareError::Interrupted)) {
+        if matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. })) {
             report::write(&store).map_err(CompareError::from)?;
         }
         measured?;

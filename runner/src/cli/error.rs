@@ -41,6 +41,8 @@ pub(super) enum CliError {
     Stats(#[from] StatsError),
     #[error(transparent)]
     Render(#[from] RenderError),
+    #[error("{source}; {} was not written", path.display())]
+    Unfinished { source: BackendError, path: PathBuf },
     #[error("--quality chooses the method and N; leave --method and N out, or --quality")]
     QualityWithChoice,
     #[error("no method can render this scene within the budget; name one with --method")]

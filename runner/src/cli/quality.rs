@@ -1,8 +1,9 @@
 //! `--quality` of the commands that show a picture: a budget in place of a method and N.
 
+use super::arguments::RenderArgs;
 use super::interrupt::Interrupt;
 use super::values::OrDefault;
-use super::{CliError, RenderArgs, progress, say};
+use super::{CliError, progress, say};
 use crate::backend::Backend;
 use crate::compare::CompareError;
 use crate::compare::quality::{Candidate, Candidates, Wanted, candidates, choose};

@@ -1,7 +1,8 @@
 //! `emboss view`.
 
+use super::CliError;
+use super::arguments::RenderArgs;
 use super::values::OrDefault;
-use super::{CliError, RenderArgs};
 use crate::settings::{Light, Method};
 use crate::view::{Engine, Loaded, Options, Pose, Script, Shot, Source, Unread, run};
 use std::path::{Path, PathBuf};

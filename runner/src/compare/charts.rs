@@ -185,6 +185,8 @@ mod tests {
                 assert!(svg.starts_with("<svg") && svg.contains(cost.title()), "{svg}");
                 let is_finite = ["inf", "NaN"].iter().all(|number| !svg.contains(number));
                 assert!(is_finite, "axes have numbers: {svg}");
+                // Beside what axes are of: at least one number at each.
+                assert!(svg.matches("<text").count() >= 4, "{svg}");
             }
             results.configurations.push(measured(1.0, 0.0));
         }

@@ -64,7 +64,13 @@ pub enum CompareError {
     /// The user broke it off.
     #[error("interrupted; what is measured is kept, and the same command goes on from there")]
     Interrupted,
-    /// The scene cannot be rendered, or the backend failed.
+    /// The backend failed when something was measured already.
+    #[error("{source}; what is measured is kept, and the same command goes on from there")]
+    Failed {
+        /// How.
+        source: BackendError,
+    },
+    /// The scene cannot be rendered, or the backend failed before anything was measured.
     #[error(transparent)]
     Render(#[from] RenderError),
     /// A picture could not be written.
@@ -89,7 +95,24 @@ pub type Progress<'a> = &'a mut dyn FnMut(f64) -> ControlFlow<()>;
 const FIRST_SHARE: f64 = 0.6;
 
 /// Measures what `store` does not have yet, and keeps it there after each measurement.
+///
+/// # Errors
+/// [`CompareError`]. What was measured until then is kept.
 pub fn run(
+    plan: &Plan,
+    backend: &mut dyn Backend,
+    store: &mut Store,
+    progress: Progress<'_>,
+) -> Result<(), CompareError> {
+    measure_all(plan, backend, store, progress).map_err(|error| match error {
+        CompareError::Render(RenderError::Backend(source)) if !store.results.configurations.is_empty() => {
+            CompareError::Failed { source }
+        }
+        error => error,
+    })
+}
+
+fn measure_all(
     plan: &Plan,
     backend: &mut dyn Backend,
     store: &mut Store,

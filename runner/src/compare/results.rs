@@ -5,9 +5,10 @@ use super::Times;
 use super::metrics::{Errors, median};
 use super::reference::Summary;
 use super::subject::{Code, Configuration, Memory};
+use crate::whole_file;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// What has to be the same for measurements to stand side by side.
@@ -324,13 +325,8 @@ impl Store {
 
     /// Writes a file beside its place and renames it then: what is there is whole, whenever the program ends.
     pub fn write(&self, name: &str, text: &str) -> Result<(), ResultsError> {
-        let written = || {
-            let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
-            file.write_all(text.as_bytes())?;
-            file.as_file().sync_all()?;
-            file.persist(self.folder.join(name)).map_err(|error| error.error)
-        };
-        written().map_err(|error| self.failed(name, error)).map(drop)
+        let written = whole_file::write(&self.folder.join(name), text.as_bytes());
+        written.map_err(|error| self.failed(name, error))
     }
 
     fn failed(&self, name: &str, reason: io::Error) -> ResultsError {
@@ -396,6 +392,24 @@ mod tests {
         assert_eq!(again.results, store.results);
         let error = Store::open(folder.path(), results("b")).expect_err("another").to_string();
         assert!(error.contains("`a`") && error.contains("choose another --output"), "{error}");
+    }
+
+    /// Whoever may read what a user writes may read them.
+    #[cfg(unix)]
+    #[test]
+    fn files_are_as_public_as_others() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("other"), "").expect("writable");
+        let store = Store::open(folder.path(), results("a")).expect("new");
+        store.save().expect("writable");
+        let mode = |name: &str| {
+            let found = std::fs::metadata(folder.path().join(name)).expect("written");
+            found.permissions().mode()
+        };
+        for name in [JSON, "results.csv"] {
+            assert_eq!(format!("{:o}", mode(name)), format!("{:o}", mode("other")), "{name}");
+        }
     }
 
     /// Of everything that measurements depend on.

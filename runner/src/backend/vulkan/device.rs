@@ -12,6 +12,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 ///
 /// The fields are dropped in the order in which they stand: the allocator frees its blocks on the device, and the
 /// device is destroyed before the instance that its handle holds.
+///
+/// The thread that renders and the one that shows pictures share it. Vulkan wants them one after the other where they
+/// use the queue, for which there are [turns](Self::queue), and waits for the idle device have one too; memory is
+/// behind a lock. All else they use side by side: each makes, records, waits for and destroys what it alone has.
 pub(super) struct Device {
     allocator: Mutex<Allocator>,
     handle: DeviceHandle,
@@ -164,7 +168,9 @@ destroy_by! {
 
 /// A handle that is destroyed when dropped. Wrapped on the line that makes it, so that no later error leaks it.
 ///
-/// `Commands::run` waits for every submission, hence nothing is pending when one of these is dropped.
+/// Whoever submits waits before anything that the submission uses is dropped, hence nothing is pending then:
+/// `Commands` wait for each submission, also for one that they cannot wait for by its fence; a `Swapchain` for its last
+/// copy before it replaces what that reads, and for the idle device before it drops images or itself.
 pub(super) struct Owned<H: Destroy> {
     raw: H,
     device: Arc<Device>,

@@ -89,16 +89,18 @@ impl Pacer {
         self.last = None;
     }
 
-    /// The most items that the next submission should get, at least a workgroup's worth: equal parts of what is left.
+    /// The most items that the next submission should get: equal parts of what is left, in whole workgroups, as
+    /// submissions are. Parts that were not would be cut to whole ones, and what that leaves would be one more.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a part of a u32, and at least 1"
     )]
     pub(super) fn items(&self) -> u32 {
-        let left = f64::from(self.left);
-        let parts = (left / self.items).ceil().max(1.0);
-        ((left / parts).ceil() as u32).max(FEWEST_ITEMS)
+        let left = f64::from(self.left.div_ceil(FEWEST_ITEMS));
+        let most = (self.items / f64::from(FEWEST_ITEMS)).floor().max(1.0);
+        let parts = (left / most).ceil().max(1.0);
+        ((left / parts).ceil() as u32).max(1).saturating_mul(FEWEST_ITEMS)
     }
 
     /// What the work of the next submission should take.

@@ -2,7 +2,7 @@
 
 use super::specialize;
 use rspirv::binary::Assemble;
-use rspirv::dr::{Builder, Instruction, Module, Operand, load_words};
+use rspirv::dr::{Builder, InsertPoint, Instruction, Module, Operand, load_words};
 use rspirv::spirv::{
     AddressingModel, Capability, Decoration, FunctionControl, LoopControl, MemoryModel, Op, SelectionControl,
     StorageClass, Word,
@@ -36,6 +36,12 @@ impl Built {
         let entry = builder.begin_block(None).unwrap();
         let is_on = builder.i_equal(boolean, None, choice, one).unwrap();
         Built { builder, boolean, word, entry, is_on, variable }
+    }
+
+    /// A truth value that may be either.
+    fn varying(&mut self) -> Word {
+        let some = self.builder.load(self.word, None, self.variable, None, []).unwrap();
+        self.builder.i_equal(self.boolean, None, some, some).unwrap()
     }
 
     /// The module with specialisation constant 0 set to that.
@@ -91,8 +97,7 @@ fn a_phi_of_what_is_never_run_is_a_constant() {
 fn a_merge_block_that_is_never_run_is_unreachable() {
     let mut built = Built::new();
     let [yes, no, merge] = std::array::from_fn(|_| built.builder.id());
-    let some = built.builder.load(built.word, None, built.variable, None, []).unwrap();
-    let condition = built.builder.i_equal(built.boolean, None, some, some).unwrap();
+    let condition = built.varying();
     built.builder.selection_merge(merge, SelectionControl::NONE).unwrap();
     built.builder.branch_conditional(condition, yes, no, []).unwrap();
     for block in [yes, no] {
@@ -100,7 +105,8 @@ fn a_merge_block_that_is_never_run_is_unreachable() {
         built.builder.ret().unwrap();
     }
     built.builder.begin_block(Some(merge)).unwrap();
-    built.builder.store(built.variable, some, None, []).unwrap();
+    let one = built.builder.constant_bit32(built.word, 1);
+    built.builder.store(built.variable, one, None, []).unwrap();
     built.builder.ret().unwrap();
     built.builder.end_function().unwrap();
     let module = built.with(1);
@@ -140,4 +146,113 @@ fn a_continue_target_that_is_never_run_leads_back() {
     let back = &stub.unwrap().instructions[..];
     assert_eq!((back.len(), &back[0].operands), (1, &vec![Operand::IdRef(header)]));
     assert_eq!((of(&module, Op::IAdd).len(), of(&module, Op::Store).len()), (0, 1));
+}
+
+/// A value that takes over what another was in the turn before: where that changes in the second turn, it does in the
+/// third.
+#[test]
+fn what_changes_in_a_later_turn_is_no_constant() {
+    let mut built = Built::new();
+    let [header, again, merge, ahead, next] = std::array::from_fn(|_| built.builder.id());
+    let [zero, one] = [0, 1].map(|number| built.builder.constant_bit32(built.word, number));
+    let condition = built.varying();
+    built.builder.branch(header).unwrap();
+    built.builder.begin_block(Some(header)).unwrap();
+    let behind = built.builder.phi(built.word, None, [(zero, built.entry), (ahead, again)]).unwrap();
+    built.builder.phi(built.word, Some(ahead), [(zero, built.entry), (next, again)]).unwrap();
+    built.builder.loop_merge(merge, again, LoopControl::NONE, []).unwrap();
+    built.builder.branch_conditional(condition, again, merge, []).unwrap();
+    built.builder.begin_block(Some(again)).unwrap();
+    built.builder.i_add(built.word, Some(next), ahead, one).unwrap();
+    built.builder.branch(header).unwrap();
+    built.builder.begin_block(Some(merge)).unwrap();
+    built.builder.store(built.variable, behind, None, []).unwrap();
+    built.builder.ret().unwrap();
+    built.builder.end_function().unwrap();
+    let module = built.with(1);
+    let [store] = &of(&module, Op::Store)[..] else { panic!("the store is left") };
+    assert_eq!((of(&module, Op::Phi).len(), store.operands[1].id_ref_any()), (2, Some(behind)));
+}
+
+/// A selection in a loop, neither of whose ways goes on: its merge block is the loop's continue target too.
+#[test]
+fn a_merge_block_that_is_a_continue_target_leads_back() {
+    let mut built = Built::new();
+    let [header, body, yes, no, again, merge] = std::array::from_fn(|_| built.builder.id());
+    let condition = built.varying();
+    built.builder.branch(header).unwrap();
+    built.builder.begin_block(Some(header)).unwrap();
+    built.builder.loop_merge(merge, again, LoopControl::NONE, []).unwrap();
+    built.builder.branch(body).unwrap();
+    built.builder.begin_block(Some(body)).unwrap();
+    built.builder.selection_merge(again, SelectionControl::NONE).unwrap();
+    built.builder.branch_conditional(condition, yes, no, []).unwrap();
+    for block in [yes, no] {
+        built.builder.begin_block(Some(block)).unwrap();
+        built.builder.branch(merge).unwrap();
+    }
+    built.builder.begin_block(Some(again)).unwrap();
+    built.builder.branch(header).unwrap();
+    built.builder.begin_block(Some(merge)).unwrap();
+    built.builder.ret().unwrap();
+    built.builder.end_function().unwrap();
+    let module = built.with(1);
+    assert_eq!((of(&module, Op::Unreachable).len(), of(&module, Op::SelectionMerge).len()), (0, 1));
+    let leads_back = |i: &&Instruction| i.operands == [Operand::IdRef(header)];
+    assert_eq!(of(&module, Op::Branch).iter().filter(leads_back).count(), 2);
+}
+
+/// A selection that goes but one way, which ends the function, names no merge block any more.
+#[test]
+fn a_merge_block_that_nothing_names_is_gone() {
+    let mut built = Built::new();
+    let [yes, no, merge] = std::array::from_fn(|_| built.builder.id());
+    built.builder.selection_merge(merge, SelectionControl::NONE).unwrap();
+    built.builder.branch_conditional(built.is_on, yes, no, []).unwrap();
+    for block in [yes, no, merge] {
+        built.builder.begin_block(Some(block)).unwrap();
+        built.builder.ret().unwrap();
+    }
+    built.builder.end_function().unwrap();
+    let module = built.with(1);
+    assert_eq!((of(&module, Op::Label).len(), of(&module, Op::Return).len()), (2, 1));
+}
+
+/// What nobody reads goes, but not where it does something beside: the atomic ones.
+#[test]
+fn what_has_an_effect_stays_without_a_reader() {
+    let mut built = Built::new();
+    let (scope, value) =
+        (built.builder.constant_bit32(built.word, 5), built.builder.constant_bit32(built.word, 0));
+    built.builder.load(built.word, None, built.variable, None, []).unwrap();
+    let all = [
+        Op::AtomicExchange,
+        Op::AtomicIAdd,
+        Op::AtomicISub,
+        Op::AtomicSMin,
+        Op::AtomicUMin,
+        Op::AtomicSMax,
+        Op::AtomicUMax,
+        Op::AtomicAnd,
+        Op::AtomicOr,
+        Op::AtomicXor,
+    ];
+    for op in all {
+        let operands = [
+            Operand::IdRef(built.variable),
+            Operand::IdScope(scope),
+            Operand::IdMemorySemantics(value),
+            Operand::IdRef(value),
+        ];
+        let id = built.builder.id();
+        let atomic = Instruction::new(op, Some(built.word), Some(id), operands.into());
+        built.builder.insert_into_block(InsertPoint::End, atomic).unwrap();
+    }
+    built.builder.ret().unwrap();
+    built.builder.end_function().unwrap();
+    let module = built.with(1);
+    assert_eq!(of(&module, Op::Load), []);
+    for op in all {
+        assert_eq!(of(&module, op).len(), 1, "{op:?}");
+    }
 }

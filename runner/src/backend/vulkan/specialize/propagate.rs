@@ -118,10 +118,6 @@ impl State<'_> {
             let taken = operands.chunks(2).filter(|pair| self.edges.contains(&(pair[1], label)));
             return taken.fold(Lattice::Unknown, |known, pair| known.meet(self.of(pair[0])));
         }
-        // Vectors are compared and chosen from too, but have no constants here.
-        if instruction.operands.len() > operands.len() || operands.is_empty() {
-            return Lattice::Varying;
-        }
         let known: Vec<Lattice> = operands.iter().map(|&id| self.of(id)).collect();
         fold(op, &known)
     }

@@ -138,16 +138,14 @@ impl Flow {
     }
 }
 
-/// Where a block can go on after its last instruction, each once.
+/// Where a block can go on after its last instruction.
 fn targets(last: &Instruction) -> Vec<Word> {
     let decided_by = match last.class.opcode {
         Op::Branch => 0,
         Op::BranchConditional | Op::Switch => 1,
         _ => return vec![],
     };
-    let mut targets: Vec<Word> = ids(last).skip(decided_by).collect();
-    targets.dedup();
-    targets
+    ids(last).skip(decided_by).collect()
 }
 
 /// The merge instruction of a block that heads a loop or a selection.
