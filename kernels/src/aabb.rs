@@ -1,6 +1,6 @@
 //! Axis-aligned boxes.
 
-use crate::math::{gamma, put};
+use crate::math::{MinMax, gamma, put};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -20,7 +20,7 @@ impl Aabb {
     /// The smallest box that holds this one and `p`.
     #[inline]
     pub fn including(self, p: Vec3) -> Aabb {
-        Aabb { min: self.min.min(p), max: self.max.max(p) }
+        Aabb { min: self.min.min_num(p), max: self.max.max_num(p) }
     }
 
     /// This box grown by `margin` on every side.
@@ -32,7 +32,7 @@ impl Aabb {
     /// What both boxes hold.
     #[inline]
     pub fn intersection(self, other: Aabb) -> Aabb {
-        Aabb { min: self.min.max(other.min), max: self.max.min(other.max) }
+        Aabb { min: self.min.max_num(other.min), max: self.max.min_num(other.max) }
     }
 
     /// Writes it as box number `i` of a buffer of six floats each, the lower corner first.

@@ -2,7 +2,7 @@
 //!
 //! A kernel is a plain function over slices and `repr(C)` structs. [`entry`] wraps the ones that Vulkan
 //! dispatches; the CPU backend and the tests call the same functions.
-#![cfg_attr(target_arch = "spirv", no_std)]
+#![cfg_attr(target_arch = "spirv", no_std, feature(asm_experimental_arch))]
 #![deny(unsafe_code)]
 #![allow(
     clippy::cast_possible_truncation,

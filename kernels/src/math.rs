@@ -1,7 +1,7 @@
 //! Float and memory helpers: the only file in which the two targets differ.
 
 use crate::interface::Counter;
-use glam::Vec3;
+use glam::{Vec2, Vec3, Vec4};
 #[cfg(target_arch = "spirv")]
 use spirv_std::num_traits::Float;
 
@@ -125,10 +125,129 @@ pub fn floor(x: f32) -> f32 {
     x.floor()
 }
 
+/// Minimum and maximum as one instruction each. Of a number and NaN the `f32` is the number, as IEEE 754-2008's minNum
+/// has it, while a component of a vector may be either.
+///
+/// rust-gpu compiles [`f32::min`] to a test for NaN, a branch and a comparison, and [`Vec3::min`] to a comparison and a
+/// choice. Of the branches in the bound of a quadtree's node these were 32 of 74.
+pub trait MinMax {
+    /// The smaller one, of each component.
+    fn min_num(self, other: Self) -> Self;
+    /// The greater one, of each component.
+    fn max_num(self, other: Self) -> Self;
+}
+
+impl MinMax for f32 {
+    #[inline]
+    fn min_num(self, other: f32) -> f32 {
+        #[cfg(not(target_arch = "spirv"))]
+        {
+            self.min(other)
+        }
+        #[cfg(target_arch = "spirv")]
+        {
+            nmin(self, other)
+        }
+    }
+
+    #[inline]
+    fn max_num(self, other: f32) -> f32 {
+        #[cfg(not(target_arch = "spirv"))]
+        {
+            self.max(other)
+        }
+        #[cfg(target_arch = "spirv")]
+        {
+            nmax(self, other)
+        }
+    }
+}
+
+/// Declares an instruction of two floats out of the extended set for graphics, by its number there.
+#[cfg(target_arch = "spirv")]
+macro_rules! instruction_of_floats {
+    ($name:ident, $instruction:literal) => {
+        #[inline]
+        #[expect(unsafe_code, reason = "the compiler has no function for this instruction")]
+        fn $name(a: f32, b: f32) -> f32 {
+            let result;
+            // SAFETY: the instruction takes two floats and has no effect but its result, a float.
+            unsafe {
+                core::arch::asm!(
+                    "%glsl = OpExtInstImport \"GLSL.std.450\"",
+                    "%float = OpTypeFloat 32",
+                    concat!("{result} = OpExtInst %float %glsl ", $instruction, " {a} {b}"),
+                    a = in(reg) a,
+                    b = in(reg) b,
+                    result = out(reg) result,
+                );
+            }
+            result
+        }
+    };
+}
+
+#[cfg(target_arch = "spirv")]
+instruction_of_floats!(nmin, "79");
+#[cfg(target_arch = "spirv")]
+instruction_of_floats!(nmax, "80");
+
+/// Implements [`MinMax`] for a vector.
+macro_rules! min_max_of_vector {
+    ($vector:ident: $($component:ident),*) => {
+        impl MinMax for $vector {
+            #[inline]
+            fn min_num(self, other: $vector) -> $vector {
+                #[cfg(not(target_arch = "spirv"))]
+                {
+                    self.min(other)
+                }
+                #[cfg(target_arch = "spirv")]
+                {
+                    $vector::new($(self.$component.min_num(other.$component)),*)
+                }
+            }
+
+            #[inline]
+            fn max_num(self, other: $vector) -> $vector {
+                #[cfg(not(target_arch = "spirv"))]
+                {
+                    self.max(other)
+                }
+                #[cfg(target_arch = "spirv")]
+                {
+                    $vector::new($(self.$component.max_num(other.$component)),*)
+                }
+            }
+        }
+    };
+}
+
+min_max_of_vector!(Vec2: x, y);
+min_max_of_vector!(Vec3: x, y, z);
+min_max_of_vector!(Vec4: x, y, z, w);
+
+/// The integer part of `x`, at least 0 and below 2^24. A cast would also tell what is beyond, in six instructions on a
+/// GPU.
+#[inline]
+pub fn to_u32(x: f32) -> u32 {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        debug_assert!((0.0..16_777_216.0).contains(&x), "{x}");
+        x as u32
+    }
+    #[cfg(target_arch = "spirv")]
+    #[expect(unsafe_code, reason = "an unchecked cast is one instruction")]
+    // SAFETY: callers keep `x` in the range, which the tests of the CPU build see to.
+    unsafe {
+        x.to_int_unchecked()
+    }
+}
+
 /// Greatest absolute component.
 #[inline]
 pub fn max_abs(v: Vec3) -> f32 {
-    v.x.abs().max(v.y.abs()).max(v.z.abs())
+    v.x.abs().max_num(v.y.abs()).max_num(v.z.abs())
 }
 
 /// `v` as a unit vector, whatever its length: brought to size first, since the square of an area may be more or less

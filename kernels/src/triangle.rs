@@ -29,9 +29,12 @@ impl TriangleHit {
 /// gamma(12) of the greatest vertex depth.
 #[inline]
 pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -> TriangleHit {
-    let a = ray.shear_point(p0);
-    let b = ray.shear_point(p1);
-    let c = ray.shear_point(p2);
+    intersect_sheared(ray.shear_point(p0), ray.shear_point(p1), ray.shear_point(p2), t_max)
+}
+
+/// [`intersect`] with vertices that are [sheared](TraversalRay::shear_point) already.
+#[inline]
+pub fn intersect_sheared(a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
     let e0 = difference_of_products(c.x, b.y, c.y, b.x);
     let e1 = difference_of_products(a.x, c.y, a.y, c.x);
     let e2 = difference_of_products(b.x, a.y, b.y, a.x);

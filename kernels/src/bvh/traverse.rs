@@ -8,7 +8,7 @@ use crate::displacement::{brute_force, grid_walk, inverse, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
-use crate::math::{at, gamma};
+use crate::math::{MinMax, at, gamma};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::triangle;
@@ -192,7 +192,7 @@ pub fn traverse(
 /// computed distance can fall short of its box's by the rounding of both.
 #[inline]
 fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
-    ray.t_max.min(nearest.t * (1.0 + 4.0 * gamma(12)))
+    ray.t_max.min_num(nearest.t * (1.0 + 4.0 * gamma(12)))
 }
 
 impl BvhNode {

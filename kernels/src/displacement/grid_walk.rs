@@ -29,7 +29,7 @@ use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::hit::Hit;
-use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs};
+use crate::math::{MinMax, UNIT_ROUNDOFF, cross, dot, max_abs};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -108,7 +108,7 @@ impl Conic {
         let centroid = (base.p0 + base.p1 + base.p2) * (1.0 / 3.0);
         let t_origin = dot(centroid - ray.origin, v);
         let origin = ray.origin + v * t_origin;
-        let extent = max_abs(base.p1 - base.p0) + max_abs(base.p2 - base.p0) + low.abs().max(high.abs());
+        let extent = max_abs(base.p1 - base.p0) + max_abs(base.p2 - base.p0) + low.abs().max_num(high.abs());
 
         // Q_il = (v x n_i) . (o - p_l), symmetrised.
         let (m0, m1, m2) = (cross(v, base.n0), cross(v, base.n1), cross(v, base.n2));
@@ -123,7 +123,7 @@ impl Conic {
         // What rounding moves a micro-vertex by, relative to the ray: interpolation (3 fused operations on weights that
         // Vulkan's division leaves off by 3 u) and lift, 8 u of the largest coordinate; translation, shear and its
         // division in the triangle test, 6 u of the distance; the moved origin, 2 u of itself.
-        let coordinate = max_abs(base.p0).max(max_abs(base.p1)).max(max_abs(base.p2)) + extent;
+        let coordinate = max_abs(base.p0).max_num(max_abs(base.p1)).max_num(max_abs(base.p2)) + extent;
         let shift =
             UNIT_ROUNDOFF * (8.0 * coordinate + 6.0 * (t_origin.abs() + extent) + 2.0 * max_abs(origin));
         let margin = 1e-3 * (high - low) + shift;
@@ -239,7 +239,7 @@ impl Entries {
         let q = cross(s, e1);
         let (b1, b2) = (dot(s, p) / det, dot(ray.direction, q) / det);
         // Accepted beyond the rim by what rounding can move it: a second entry there costs a short walk, none a hole.
-        let size = max_abs(e1).max(max_abs(e2));
+        let size = max_abs(e1).max_num(max_abs(e2));
         let tolerance = 1e-6 + conic.shift * size / det.abs();
         if b1 >= -tolerance && b2 >= -tolerance && b1 + b2 <= 1.0 + tolerance {
             let cell = Cell::containing(b1, b2, conic.n).pack();

@@ -11,7 +11,7 @@
 
 use crate::displacement::surface::HeightField;
 use crate::interface::{Displacement, Triangle, Vertex, height_format, wrap};
-use crate::math::{UNIT_ROUNDOFF, at, ceil_log2, floor, fma, put};
+use crate::math::{MinMax, UNIT_ROUNDOFF, at, ceil_log2, floor, fma, put, to_u32};
 use crate::texture::{height_texel, unorm8, unorm16};
 use glam::Vec2;
 
@@ -76,7 +76,7 @@ impl TexelRange {
 
     #[inline]
     fn including(self, other: TexelRange) -> TexelRange {
-        TexelRange { min: self.min.min(other.min), max: self.max.max(other.max) }
+        TexelRange { min: self.min.min_num(other.min), max: self.max.max_num(other.max) }
     }
 }
 
@@ -162,7 +162,10 @@ impl Pyramid<'_> {
             let (top, bottom) = (y * map_width, y1 * map_width);
             let (a, b) = (self.texel(top + x), self.texel(top + x1));
             let (c, d) = (self.texel(bottom + x), self.texel(bottom + x1));
-            return TexelRange { min: a.min(b).min(c.min(d)), max: a.max(b).max(c.max(d)) };
+            return TexelRange {
+                min: a.min_num(b).min_num(c.min_num(d)),
+                max: a.max_num(b).max_num(c.max_num(d)),
+            };
         }
         let entry = (y >> level) * entries(map_width, level) + (x >> level);
         self.stored(first_range + at(self.ranges, first_range + level), entry)
@@ -263,48 +266,61 @@ const FARTHEST: f32 = 4_194_304.0;
 /// too far out.
 #[inline]
 fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
+    let n = size as f32;
     let (first, last) = (floor(low), floor(high) + 1.0);
-    let whole = Stretch { first: 0, more: size - 1, is_pair: false, reversed: false };
-    // Negated so that NaN takes it too.
-    if !(first >= -FARTHEST && last <= FARTHEST) {
-        return whole;
-    }
-    let n = size as i32;
-    let (first, last) = (first as i32, last as i32);
-    let is_pair = last - first == 1;
+    // NaN is not near either. No lazy operators and no branches but of constants: on a GPU each would be one.
+    let near = (first >= -FARTHEST) & (last <= FARTHEST);
+    let length = last - first;
+    let (from, to, reversed, whole);
     if mode == wrap::CLAMP {
-        let first = first.clamp(0, n - 1);
-        let more = (last.clamp(0, n - 1) - first) as u32;
-        return Stretch { first: first as u32, more, is_pair, reversed: false };
-    }
-    if last - first >= n {
-        return whole;
-    }
-    if mode == wrap::REPEAT {
-        let more = (last - first) as u32;
-        return Stretch { first: remainder(first, n) as u32, more, is_pair, reversed: false };
-    }
-    // Two copies make a period, the second one mirrored. A stretch shorter than a copy crosses one fold at the most:
-    // what is beyond it lies on what is before.
-    let start = remainder(first, 2 * n);
-    let end = start + (last - first);
-    let (from, to) = if end < n {
-        (start, end)
-    } else if start < n {
-        (start.min(2 * n - 1 - end), n - 1)
-    } else if end < 2 * n {
-        (2 * n - 1 - end, 2 * n - 1 - start)
+        from = first.max_num(0.0).min_num(n - 1.0);
+        to = last.max_num(0.0).min_num(n - 1.0);
+        (reversed, whole) = (false, !near);
+    } else if mode == wrap::REPEAT {
+        from = remainder(first, n);
+        to = from + length;
+        (reversed, whole) = (false, !near | (length >= n));
     } else {
-        (0, (2 * n - 1 - start).max(end - 2 * n))
-    };
-    let reversed = start >= n && end < 2 * n;
-    Stretch { first: from as u32, more: (to - from) as u32, is_pair, reversed }
+        // Two copies make a period, the second one mirrored. A stretch shorter than a copy crosses one fold at the
+        // most: what is beyond it lies on what is before.
+        let start = remainder(first, 2.0 * n);
+        let end = start + length;
+        let (mirrored_start, mirrored_end) = (2.0 * n - 1.0 - start, 2.0 * n - 1.0 - end);
+        (from, to) = if end < n {
+            (start, end)
+        } else if start < n {
+            (start.min_num(mirrored_end), n - 1.0)
+        } else if end < 2.0 * n {
+            (mirrored_end, mirrored_start)
+        } else {
+            (0.0, mirrored_start.max_num(end - 2.0 * n))
+        };
+        reversed = (start >= n) & (end < 2.0 * n);
+        whole = !near | (length >= n);
+    }
+    let (from, more) = if whole { (0.0, n - 1.0) } else { (from, to - from) };
+    Stretch {
+        first: to_u32(from),
+        more: to_u32(more),
+        is_pair: (length == 1.0) & !whole,
+        reversed: reversed & !whole,
+    }
 }
 
-/// i modulo n, not negative. Vulkan leaves the remainder of negative numbers undefined, so none is taken.
+/// The integer `i` modulo the integer n, not negative: for |i| up to [`FARTHEST`], n from 2 to 2^23. On a GPU that is
+/// shorter than a division of integers.
 #[inline]
-fn remainder(i: i32, n: i32) -> i32 {
-    if i < 0 { n - 1 - ((-1 - i) as u32 % n as u32) as i32 } else { (i as u32 % n as u32) as i32 }
+fn remainder(i: f32, n: f32) -> f32 {
+    rest(i, n, i / n)
+}
+
+/// The same with the quotient, which may be off by 2.5 ulp, as Vulkan's division is: it is no more than 2^21, so that
+/// its floor is at most one off. Products and differences are of integers below 2^24, and exact.
+#[inline]
+fn rest(i: f32, n: f32, quotient: f32) -> f32 {
+    let rest = i - floor(quotient) * n;
+    let rest = if rest < 0.0 { rest + n } else { rest };
+    if rest >= n { rest - n } else { rest }
 }
 
 impl Pyramid<'_> {
@@ -327,24 +343,8 @@ impl Pyramid<'_> {
         // An entry at a texel reaches at least a spacing beyond it, so that two reach twice as far.
         let longest = x.more.max(y.more);
         let level = if longest > 2 { ceil_log2(longest) - 1 } else { 0 };
-        let mut range = TexelRange::EMPTY;
-        if x.is_pair && y.is_pair {
-            return self.bilinear_range(low, high, x, y);
-        }
         if level == 0 {
-            // At most 3 x 3 texels: fewer reads than four entries of level 0 would take.
-            let mut j = 0;
-            while j <= y.more {
-                let row = wrapped(y.first + j, height) * width;
-                let mut i = 0;
-                while i <= x.more {
-                    let texel = self.texel(row + wrapped(x.first + i, width));
-                    range = range.including(TexelRange { min: texel, max: texel });
-                    i += 1;
-                }
-                j += 1;
-            }
-            return range;
+            return self.texel_range(low, high, x, y);
         }
         let spacing = 1 << level;
         let (across, down) = (x.more.max(spacing) - spacing, y.more.max(spacing) - spacing);
@@ -352,45 +352,52 @@ impl Pyramid<'_> {
         let columns = entries(width, level);
         let (left, right) = (x.first >> level, wrapped(x.first + across, width) >> level);
         let (top, bottom) = (y.first >> level, wrapped(y.first + down, height) >> level);
-        range = self.stored(first, top * columns + left);
-        if across > 0 {
-            range = range.including(self.stored(first, top * columns + right));
-        }
-        if down > 0 {
-            range = range.including(self.stored(first, bottom * columns + left));
-            if across > 0 {
-                range = range.including(self.stored(first, bottom * columns + right));
-            }
-        }
-        range
+        let (top, bottom) = (top * columns, bottom * columns);
+        // Where one an axis is enough it is read twice: a read that a branch leaves out costs a GPU more, since those
+        // behind the branch wait for it.
+        let (a, b) = (self.stored(first, top + left), self.stored(first, top + right));
+        let (c, d) = (self.stored(first, bottom + left), self.stored(first, bottom + right));
+        a.including(b).including(c.including(d))
     }
 
-    /// The range of a filter that reads the same four texels everywhere between `low` and `high`: it is bilinear there,
-    /// so that its extremes are at the corners of the box. However small the box, the range is as small; that of the
-    /// texels would not be.
+    /// The same of at most 3 x 3 texels, which are fewer reads than four entries of level 0 would take.
+    ///
+    /// A filter that reads the same four texels everywhere between `low` and `high` is bilinear there, so that its
+    /// extremes are at the corners of the box. However small the box, the range is as small; that of the texels would
+    /// not be.
     #[inline]
-    fn bilinear_range(&self, low: Vec2, high: Vec2, x: Stretch, y: Stretch) -> TexelRange {
-        let map = self.map;
-        let (nearer_x, farther_x) = (x.first, wrapped(x.first + x.more, map.map_width));
-        let (nearer_y, farther_y) = (y.first, wrapped(y.first + y.more, map.map_height));
-        let (left, right) = if x.reversed { (farther_x, nearer_x) } else { (nearer_x, farther_x) };
-        let (top, bottom) = if y.reversed { (farther_y, nearer_y) } else { (nearer_y, farther_y) };
-        let (top, bottom) = (top * map.map_width, bottom * map.map_width);
-        let (a, b) = (self.texel(top + left), self.texel(top + right));
-        let (c, d) = (self.texel(bottom + left), self.texel(bottom + right));
-        let origin = Vec2::new(floor(low.x), floor(low.y));
-        let (from, to) = (low - origin, high - origin);
-        let mut range = TexelRange::EMPTY;
-        let mut i = 0;
-        while i < 4 {
-            let s = if i & 1 == 0 { from.x } else { to.x };
-            let t = if i & 2 == 0 { from.y } else { to.y };
-            let (upper, lower) = (fma(s, b - a, a), fma(s, d - c, c));
-            let value = fma(t, lower - upper, upper);
-            range = range.including(TexelRange { min: value, max: value });
-            i += 1;
+    fn texel_range(&self, low: Vec2, high: Vec2, x: Stretch, y: Stretch) -> TexelRange {
+        let Displacement { map_width: width, map_height: height, .. } = self.map;
+        let (left, middle, right) =
+            (x.first, wrapped(x.first + x.more.min(1), width), wrapped(x.first + x.more, width));
+        let (top, center, bottom) =
+            (y.first, wrapped(y.first + y.more.min(1), height), wrapped(y.first + y.more, height));
+        let (top, center, bottom) = (top * width, center * width, bottom * width);
+        // All nine, some of them twice where there are fewer, since none waits for another.
+        let (a, b, c) = (self.texel(top + left), self.texel(top + middle), self.texel(top + right));
+        let (d, e, f) = (self.texel(center + left), self.texel(center + middle), self.texel(center + right));
+        let (g, h, i) = (self.texel(bottom + left), self.texel(bottom + middle), self.texel(bottom + right));
+        if x.is_pair && y.is_pair {
+            let (a, c) = if x.reversed { (c, a) } else { (a, c) };
+            let (g, i) = if x.reversed { (i, g) } else { (g, i) };
+            let (a, c, g, i) = if y.reversed { (g, i, a, c) } else { (a, c, g, i) };
+            let origin = Vec2::new(floor(low.x), floor(low.y));
+            let (from, to) = (low - origin, high - origin);
+            let (top_from, top_to) = (fma(from.x, c - a, a), fma(to.x, c - a, a));
+            let (bottom_from, bottom_to) = (fma(from.x, i - g, g), fma(to.x, i - g, g));
+            let (p, q) =
+                (fma(from.y, bottom_from - top_from, top_from), fma(from.y, bottom_to - top_to, top_to));
+            let (r, s) = (fma(to.y, bottom_from - top_from, top_from), fma(to.y, bottom_to - top_to, top_to));
+            TexelRange { min: p.min_num(q).min_num(r.min_num(s)), max: p.max_num(q).max_num(r.max_num(s)) }
+        } else {
+            let (least, greatest) = (a.min_num(b).min_num(c), a.max_num(b).max_num(c));
+            let (least, greatest) =
+                (least.min_num(d).min_num(e).min_num(f), greatest.max_num(d).max_num(e).max_num(f));
+            TexelRange {
+                min: least.min_num(g).min_num(h).min_num(i),
+                max: greatest.max_num(g).max_num(h).max_num(i),
+            }
         }
-        range
     }
 }
 
@@ -412,8 +419,8 @@ pub fn height_bounds(field: &HeightField<'_>, vertices: &[Vertex], triangle: Tri
     let b = uv_of(vertices, triangle.vertices[1]);
     let c = uv_of(vertices, triangle.vertices[2]);
     let [i, j, k] = triangle.vertices;
-    let span = field.span(i).max(field.span(j)).max(field.span(k));
-    uv_box_bounds(field, triangle.displacement, a.min(b).min(c), a.max(b).max(c), span)
+    let span = field.span(i).max_num(field.span(j)).max_num(field.span(k));
+    uv_box_bounds(field, triangle.displacement, a.min_num(b).min_num(c), a.max_num(b).max_num(c), span)
 }
 
 /// Texture coordinates of vertex `i`.
@@ -438,7 +445,7 @@ pub fn uv_box_bounds(
     let mut axis = 0;
     while axis < count {
         bounds = map_bounds(field, displacement + axis, uv_low, uv_high, span);
-        length += bounds.0.abs().max(bounds.1.abs());
+        length += bounds.0.abs().max_num(bounds.1.abs());
         axis += 1;
     }
     if field.is_vector() {
@@ -461,8 +468,8 @@ fn map_bounds(
     let pyramid = field.pyramid(map);
     // Rows of a map run downwards.
     let (a, b) = (texel_coordinates(&map, uv_low), texel_coordinates(&map, uv_high));
-    let (low, high) = (a.min(b), a.max(b));
-    let greatest = uv_low.abs().max(uv_high.abs());
+    let (low, high) = (a.min_num(b), a.max_num(b));
+    let greatest = uv_low.abs().max_num(uv_high.abs());
     let error = texel_error(&map, greatest);
     let error = if field.is_filtered() { error + level_support(&map, span) } else { error };
     let (low, high) = (low - error, high + error);
@@ -527,6 +534,19 @@ mod tests {
         (d.map_width, d.map_height, d.scale, d.zero) = (width, height, 1.0, 0.25);
         (d.height_min, d.height_max) = Displacement::height_range(0.0, 1.0, d.zero, d.scale);
         scene
+    }
+
+    #[test]
+    fn remainders_are_exact_whatever_division_errs_by() {
+        let ulp = f32::EPSILON;
+        for n in [2_i32, 3, 5, 7, 64, 1000, 1023, 16_384, 1 << 22] {
+            for i in (0..30_000_i32).flat_map(|i| [i, 4_194_304 - i, -i, i - 4_194_304]) {
+                let (x, y) = (i as f32, n as f32);
+                for error in [0.0, 2.5 * ulp, -2.5 * ulp] {
+                    assert_eq!(rest(x, y, x / y * (1.0 + error)), i.rem_euclid(n) as f32, "{i} {n} {error}");
+                }
+            }
+        }
     }
 
     #[test]

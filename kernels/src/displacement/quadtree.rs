@@ -32,11 +32,11 @@ use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::{texel_coordinates, texel_error};
 use crate::displacement::subdivisions::{Subdivisions, snap};
-use crate::displacement::surface::{BaseTriangle, HeightField, component};
+use crate::displacement::surface::{BaseTriangle, HeightField, component, intersect_micro_triangle};
 use crate::displacement::vector_bounds;
 use crate::hit::Hit;
 use crate::interface::{Displacement, normals};
-use crate::math::{UNIT_ROUNDOFF, cross, dot, max_abs, sqrt};
+use crate::math::{MinMax, UNIT_ROUNDOFF, cross, dot, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::SceneView;
 use core::ops::{Add, Mul, Sub};
@@ -151,7 +151,8 @@ fn intersect_leaf(
     while i < point_count {
         let (j, k) = node.leaf_point(i);
         if j + k <= n {
-            points[i as usize] = base.micro_vertex(field, j, k);
+            // Sheared once for all the micro-triangles that it is of.
+            points[i as usize] = ray.shear_point(base.micro_vertex(field, j, k));
         }
         i += 1;
     }
@@ -162,7 +163,8 @@ fn intersect_leaf(
         if cell.j + cell.k + (cell.upper as u32) < n {
             // The points of cells 0 to 3, three bits each: (0, 1, 2), (4, 2, 1), (1, 3, 4), (2, 4, 5).
             let (a, b, c) = (0o2140 >> (3 * i) & 7, 0o4321 >> (3 * i) & 7, 0o5412 >> (3 * i) & 7);
-            nearest = base.intersect_cell(ray, cell, points[a], points[b], points[c], nearest);
+            let corners = [points[a], points[b], points[c]];
+            nearest = intersect_micro_triangle(base.primitive, ray, cell, corners, nearest);
             counts.triangles += 1;
         }
         i += 1;
@@ -362,15 +364,16 @@ impl Node {
     /// Its side; of an upright node cut off at the border.
     #[inline]
     fn side_within(self, n: u32) -> u32 {
-        if self.inverted { self.side } else { self.side.min(n - self.j - self.k) }
+        let room = if self.inverted { self.side } else { n - self.j - self.k };
+        self.side.min(room)
     }
 
-    /// Grid point of corner e = 0, 1 or 2, in the order of [`Cell::vertex`]; of an upright node cut off at the border.
+    /// The grid points of its corners, in the order of [`Cell::vertex`]; of an upright node cut off at the border.
     #[inline]
-    pub(super) fn corner(self, e: u32, n: u32) -> (u32, u32) {
+    pub(super) fn corners(self, n: u32) -> [(u32, u32); 3] {
         let side = self.side_within(n);
-        let (to_j, to_k) = ((e == 1) != self.inverted, (e == 2) != self.inverted);
-        (self.j + if to_j { side } else { 0 }, self.k + if to_k { side } else { 0 })
+        let (first, other) = if self.inverted { (side, 0) } else { (0, side) };
+        [(self.j + first, self.k + first), (self.j + other, self.k + first), (self.j + first, self.k + other)]
     }
 }
 
@@ -586,12 +589,12 @@ impl Prism {
         let shortest = base.shortest_normal();
         let has_lifts = !field.is_vector() && (shortest > 0.0 || field.normals == normals::LINEAR);
         let lifts = if has_lifts { base.lift_range(field, shortest) } else { (0.0, 0.0) };
-        let greatest_uv = base.t0.abs().max(base.t1.abs()).max(base.t2.abs());
+        let greatest_uv = base.t0.abs().max_num(base.t1.abs()).max_num(base.t2.abs());
 
         // How far a lift reaches. Where normals cancel it is the height that is bounded.
         let reach = base.reach(field);
-        let size = max_abs(a).max(max_abs(b)).max(max_abs(c)) + reach;
-        let coordinate = max_abs(base.p0).max(max_abs(base.p1)).max(max_abs(base.p2)) + reach;
+        let size = max_abs(a).max_num(max_abs(b)).max_num(max_abs(c)) + reach;
+        let coordinate = max_abs(base.p0).max_num(max_abs(base.p1)).max_num(max_abs(base.p2)) + reach;
         // Relative to the ray rounding moves a micro-vertex by: interpolation (3 fused operations on weights that
         // Vulkan's division leaves off by 3 u) and lift, 10 u of the largest coordinate; translation, shear and its
         // division in the triangle test, 6 u of the distance; the origin here, 2 u of itself and of the distance to it.
@@ -643,28 +646,28 @@ impl Prism {
         let coarse = node.coarse_edges(field);
         // Most nodes that the ray does not reach it passes beside their columns, whatever the heights.
         if self.has_lifts && !has_seams {
-            let (a, b, c) =
-                (self.ends(node.corner(0, n)), self.ends(node.corner(1, n)), self.ends(node.corner(2, n)));
-            let (mut least, mut greatest) = (a.min(b).min(c), a.max(b).max(c));
+            let [a, b, c] = node.corners(n);
+            let (a, b, c) = (self.ends(a), self.ends(b), self.ends(c));
+            let (mut least, mut greatest) = (a.min_num(b).min_num(c), a.max_num(b).max_num(c));
             let mut e = if field.is_adaptive() { 0 } else { 3 };
             while e < 3 {
                 if coarse >> e & 1 != 0 {
                     let [a, b] = node.stretch_ends(e, field);
                     let (a, b) = (self.ends(a), self.ends(b));
-                    (least, greatest) = (least.min(a).min(b), greatest.max(a).max(b));
+                    (least, greatest) = (least.min_num(a).min_num(b), greatest.max_num(a).max_num(b));
                 }
                 e += 1;
             }
-            if least.x.min(least.z) > m
-                || least.y.min(least.w) > m
-                || greatest.x.max(greatest.z) < -m
-                || greatest.y.max(greatest.w) < -m
+            if least.x.min_num(least.z) > m
+                || least.y.min_num(least.w) > m
+                || greatest.x.max_num(greatest.z) < -m
+                || greatest.y.max_num(greatest.w) < -m
             {
                 return false;
             }
         }
         let bounds = self.bounds(scene, field, &self.frame(ray), node, has_seams, coarse);
-        let far = ray.t_max.min(nearest.t) - self.t_origin;
+        let far = ray.t_max.min_num(nearest.t) - self.t_origin;
         // Negated so that NaN, of bounds too large for floats, reaches.
         !(bounds.min.x > m
             || bounds.max.x < -m
@@ -711,13 +714,13 @@ impl Prism {
         // once; left from its end, so that where no edge is coarse a compiler sees that there is no second turn.
         let mut part = 0;
         loop {
-            let mut corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
+            let mut corners = node.corners(n);
             if part > 0 {
                 let [a, b] = node.stretch_ends(part - 1, field);
                 corners = [a, b, b];
             }
             let hull = self.hull(field, corners);
-            bounds = bounds.including(hull.min).including(hull.max);
+            bounds = if part == 0 { hull } else { bounds.including(hull.min).including(hull.max) };
             // The next edge that it touches and that is coarse.
             part = next_part(coarse, part);
             if !(field.is_adaptive() && part < 4) {
@@ -739,8 +742,8 @@ impl Prism {
         let [(j0, k0), (j1, k1), (j2, k2)] = corners;
         let (t0, t1, t2) = (self.texel.at(j0, k0), self.texel.at(j1, k1), self.texel.at(j2, k2));
         let map = field.displacement(self.displacement);
-        let low = t0.min(t1).min(t2) - self.texel_error;
-        let high = t0.max(t1).max(t2) + self.texel_error;
+        let low = t0.min_num(t1).min_num(t2) - self.texel_error;
+        let high = t0.max_num(t1).max_num(t2) + self.texel_error;
         let texels = field.pyramid(map).range_between(low, high);
         let (least, greatest) = Displacement::height_range(texels.min, texels.max, map.zero, map.scale);
 
@@ -758,8 +761,8 @@ impl Prism {
             Lifts::new(least, greatest, n0, n1, n2)
         };
         if lifts.bounded {
-            Bounds::EMPTY
-                .including(p0 + n0 * lifts.min)
+            // Not from an empty box on: where lifts are infinite a point may be NaN, and so is the box then.
+            Bounds::of_point(p0 + n0 * lifts.min)
                 .including(p0 + n0 * lifts.max)
                 .including(p1 + n1 * lifts.min)
                 .including(p1 + n1 * lifts.max)
@@ -767,7 +770,7 @@ impl Prism {
                 .including(p2 + n2 * lifts.max)
         } else {
             // Directions are unit vectors, wherever they point.
-            let reach = least.abs().max(greatest.abs());
+            let reach = least.abs().max_num(greatest.abs());
             Bounds::EMPTY.including(p0).including(p1).including(p2).grown(reach)
         }
     }
@@ -808,7 +811,7 @@ impl Prism {
                     let p = base.position(a) + along * share;
                     let direction = seams.direction(a) + turn * share;
                     if spread {
-                        let reach = low.abs().max(high.abs());
+                        let reach = low.abs().max_num(high.abs());
                         let p = frame.point(p);
                         bounds = bounds.including(p - Vec3::splat(reach)).including(p + Vec3::splat(reach));
                     } else {
@@ -839,7 +842,7 @@ fn next_part(coarse: u32, part: u32) -> u32 {
 #[inline]
 pub(super) fn farthest(eye: Vec3, a: Vec3, b: Vec3, c: Vec3) -> f32 {
     let (a, b, c) = (a - eye, b - eye, c - eye);
-    sqrt(dot(a, a).max(dot(b, b)).max(dot(c, c)))
+    sqrt(dot(a, a).max_num(dot(b, b)).max_num(dot(c, c)))
 }
 
 /// Bounds on the heights that `map` gives by its levels over points up to `distance` from the eye, with texels no
@@ -872,9 +875,9 @@ impl Lifts {
     #[inline]
     pub(super) fn new(least: f32, greatest: f32, n0: Vec3, n1: Vec3, n2: Vec3) -> Lifts {
         let mean = n0 + n1 + n2;
-        let along = dot(n0, mean).min(dot(n1, mean)).min(dot(n2, mean));
+        let along = dot(n0, mean).min_num(dot(n1, mean)).min_num(dot(n2, mean));
         let shortest = along / sqrt(dot(mean, mean));
-        let longest = sqrt(dot(n0, n0).max(dot(n1, n1)).max(dot(n2, n2)));
+        let longest = sqrt(dot(n0, n0).max_num(dot(n1, n1)).max_num(dot(n2, n2)));
         // Normals are off by some 10 u, axes of vectors by 39 u: above the threshold a relative 156 u, and as much for
         // all that follows is less than the 336 u here.
         let (shortest, longest) = (shortest * (1.0 - 2e-5), longest * (1.0 + 2e-5));
@@ -901,8 +904,13 @@ impl Bounds {
     pub(super) const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     #[inline]
+    fn of_point(p: Vec3) -> Bounds {
+        Bounds { min: p, max: p }
+    }
+
+    #[inline]
     pub(super) fn including(self, p: Vec3) -> Bounds {
-        Bounds { min: self.min.min(p), max: self.max.max(p) }
+        Bounds { min: self.min.min_num(p), max: self.max.max_num(p) }
     }
 
     #[inline]

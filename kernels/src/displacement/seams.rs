@@ -3,7 +3,7 @@
 use crate::displacement::height_pyramid::uv_box_bounds;
 use crate::displacement::surface::{HeightField, Pixel, component};
 use crate::interface::Seams;
-use crate::math::{Sum, UNIT_ROUNDOFF};
+use crate::math::{MinMax, Sum, UNIT_ROUNDOFF};
 use glam::Vec2;
 
 /// `seams` with its heights decided by the maps of `field`: at each decided corner the mean of its readings, along each
@@ -57,10 +57,10 @@ fn height_range(field: &HeightField<'_>, first: u32, count: u32) -> (f32, f32) {
     while i < count {
         let side = field.seam_side(first + i);
         let (start, end) = (Vec2::from_array(side.start), Vec2::from_array(side.end));
-        let span = field.span(side.vertices[0]).max(field.span(side.vertices[1]));
-        let range = uv_box_bounds(field, side.displacement, start.min(end), start.max(end), span);
+        let span = field.span(side.vertices[0]).max_num(field.span(side.vertices[1]));
+        let range = uv_box_bounds(field, side.displacement, start.min_num(end), start.max_num(end), span);
         (low, high) = (low.plus(range.0), high.plus(range.1));
-        magnitude = magnitude.max(range.0.abs()).max(range.1.abs());
+        magnitude = magnitude.max_num(range.0.abs()).max_num(range.1.abs());
         i += 1;
     }
     // A micro-vertex's mean takes a rounding for each side and 2.5 ulp, 5 roundings, for the division; then the means

@@ -8,7 +8,7 @@
 
 use crate::displacement::cell::Cell;
 use crate::interface::{Frame, Instance};
-use crate::math::dot;
+use crate::math::{MinMax, dot};
 use glam::Vec3;
 
 /// Where the surface is seen from, and how closely.
@@ -43,7 +43,7 @@ impl Viewpoint {
         Viewpoint {
             eye: frame.camera.eye,
             detail: frame.detail,
-            reach: frame.height_min.abs().max(frame.height_max.abs()),
+            reach: frame.height_min.abs().max_num(frame.height_max.abs()),
             // The exponent of a power of two.
             most_halvings: ((frame.subdivisions.max(1) as f32).to_bits() >> 23) - 127,
             pixel: frame.pixel_side(),
@@ -71,13 +71,14 @@ impl Viewpoint {
     #[inline]
     pub fn subdivisions(&self, p0: Vec3, p1: Vec3, p2: Vec3) -> Subdivisions {
         let (a, b, c) = (squared_length(p1, p2), squared_length(p0, p2), squared_length(p0, p1));
-        let most = self.halvings(a.max(b).max(c), p0.min(p1).min(p2), p0.max(p1).max(p2));
+        let most =
+            self.halvings(a.max_num(b).max_num(c), p0.min_num(p1).min_num(p2), p0.max_num(p1).max_num(p2));
         Subdivisions {
             triangle: 1 << most,
             steps: [
-                1 << (most - self.halvings(a, p1.min(p2), p1.max(p2))),
-                1 << (most - self.halvings(b, p0.min(p2), p0.max(p2))),
-                1 << (most - self.halvings(c, p0.min(p1), p0.max(p1))),
+                1 << (most - self.halvings(a, p1.min_num(p2), p1.max_num(p2))),
+                1 << (most - self.halvings(b, p0.min_num(p2), p0.max_num(p2))),
+                1 << (most - self.halvings(c, p0.min_num(p1), p0.max_num(p1))),
             ],
         }
     }
@@ -86,8 +87,8 @@ impl Viewpoint {
     /// distance that anything displaced from the box `low` to `high` can have.
     #[inline]
     fn halvings(&self, squared_length: f32, low: Vec3, high: Vec3) -> u32 {
-        let beside = (low - self.eye).max(self.eye - high) - Vec3::splat(self.reach);
-        let away = beside.max(Vec3::ZERO);
+        let beside = (low - self.eye).max_num(self.eye - high) - Vec3::splat(self.reach);
+        let away = beside.max_num(Vec3::ZERO);
         half_exponent(squared_length * self.detail, dot(away, away)).min(self.most_halvings)
     }
 }

@@ -12,7 +12,7 @@ use crate::interface::{
     Displacement, FLIPPED, NO_SEAMS, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex,
     displacement_kind, filter, method, normals,
 };
-use crate::math::{UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
+use crate::math::{MinMax, UNIT_ROUNDOFF, at, cross, dot, fma3, max_abs, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::texture::{HeightTexels, Level, LevelOfDetail};
@@ -76,7 +76,7 @@ impl Pixel {
     /// How many texels of `map` it covers a side: so many that what they differ by is less than half of it.
     #[inline]
     fn texels_across(&self, map: &Displacement) -> f32 {
-        (self.side / finest(map, self.texels.size)).min(self.texels.span)
+        (self.side / finest(map, self.texels.size)).min_num(self.texels.span)
     }
 }
 
@@ -84,7 +84,7 @@ impl Pixel {
 /// relief is so rough that levels would be off by half a pixel.
 #[inline]
 fn finest(map: &Displacement, texel: f32) -> f32 {
-    texel.max(ROUGHNESS_SIDES * (map.scale * map.roughness).abs())
+    texel.max_num(ROUGHNESS_SIDES * (map.scale * map.roughness).abs())
 }
 
 /// How many times its roughness a pixel must be wide: then a level's filtered heights, which differ from the map's by
@@ -145,14 +145,14 @@ impl<'a> HeightField<'a> {
     #[inline]
     pub(super) fn least_texel(&self, vertices: [u32; 3]) -> f32 {
         let [a, b, c] = vertices;
-        self.texel_scale(a).x.min(self.texel_scale(b).x).min(self.texel_scale(c).x)
+        self.texel_scale(a).x.min_num(self.texel_scale(b).x).min_num(self.texel_scale(c).x)
     }
 
     /// A bound on the side of pixels on the displaced surface over points at `distance` from the eye, from below: one
     /// that is displaced towards it is as much nearer.
     #[inline]
     fn pixel_side(&self, distance: f32) -> f32 {
-        self.viewpoint.pixel * (distance - self.viewpoint.reach).max(0.0)
+        self.viewpoint.pixel * (distance - self.viewpoint.reach).max_num(0.0)
     }
 
     /// The pixel over the point `p` of a base triangle or of its edge, with barycentric coordinates `w` and these
@@ -167,7 +167,7 @@ impl<'a> HeightField<'a> {
         let to_eye = p - self.viewpoint.eye;
         let distance = sqrt(dot(to_eye, to_eye));
         // Weights may add up to more than 1 by an ulp, and boxes hold levels up to the greatest span.
-        let span = texels.y.min(self.span(a).max(self.span(b)).max(self.span(c)));
+        let span = texels.y.min_num(self.span(a).max_num(self.span(b)).max_num(self.span(c)));
         Pixel { side: self.pixel_side(distance), texels: TexelScale { size: texels.x, span } }
     }
 
@@ -360,9 +360,9 @@ impl Displacement {
     #[inline]
     pub fn height_range(lowest: f32, highest: f32, zero: f32, scale: f32) -> (f32, f32) {
         let (a, b) = (scale * (lowest - zero), scale * (highest - zero));
-        let magnitude = lowest.abs().max(highest.abs()) + zero.abs();
+        let magnitude = lowest.abs().max_num(highest.abs()) + zero.abs();
         let error = 20.0 * UNIT_ROUNDOFF * magnitude * scale.abs();
-        (a.min(b) - error, a.max(b) + error)
+        (a.min_num(b) - error, a.max_num(b) + error)
     }
 }
 
@@ -588,7 +588,8 @@ impl BaseTriangle {
         c: Vec3,
         nearest: Hit,
     ) -> Hit {
-        intersect_micro_triangle(self.primitive, ray, cell, [a, b, c], nearest)
+        let corners = [ray.shear_point(a), ray.shear_point(b), ray.shear_point(c)];
+        intersect_micro_triangle(self.primitive, ray, cell, corners, nearest)
     }
 
     /// A lower bound on the length of the interpolated normal over the triangle; 0 where the normals spread so far
@@ -599,16 +600,16 @@ impl BaseTriangle {
     #[inline]
     pub fn shortest_normal(&self) -> f32 {
         let (n0, n1, n2) = (self.n0, self.n1, self.n2);
-        let c = dot(n0, n1).min(dot(n1, n2)).min(dot(n2, n0));
-        let to_edges = (0.5 + 0.5 * c).max(0.0);
+        let c = dot(n0, n1).min_num(dot(n1, n2)).min_num(dot(n2, n0));
+        let to_edges = (0.5 + 0.5 * c).max_num(0.0);
         // The foot of the perpendicular is inside where no edge sees it from outside.
         let m = cross(n1 - n0, n2 - n0);
         let (w0, w1, w2) = (dot(m, cross(n1, n2)), dot(m, cross(n2, n0)), dot(m, cross(n0, n1)));
         let inside = w0 > 0.0 && w1 > 0.0 && w2 > 0.0;
         let to_plane = dot(m, n0) * dot(m, n0) / dot(m, m);
-        let squared = if inside { to_plane.min(to_edges) } else { to_edges };
+        let squared = if inside { to_plane.min_num(to_edges) } else { to_edges };
         // All of that is of unit vectors; a vertex without a normal leaves none.
-        let whole = dot(n0, n0).min(dot(n1, n1)).min(dot(n2, n2)) > 0.5;
+        let whole = dot(n0, n0).min_num(dot(n1, n1)).min_num(dot(n2, n2)) > 0.5;
         let squared = if whole { squared } else { 0.0 };
         // Stored unit normals are off by some 1e-7, and so is all that follows from them; above the threshold that is
         // a relative 1e-5.
@@ -624,7 +625,7 @@ impl BaseTriangle {
         if field.normals == normals::LINEAR {
             (low, high)
         } else {
-            (low.min(low / shortest), high.max(high / shortest))
+            (low.min_num(low / shortest), high.max_num(high / shortest))
         }
     }
 
@@ -638,9 +639,9 @@ impl BaseTriangle {
     /// the greatest height (directions are no longer than unit vectors). Seams add the hulls of four points each, or
     /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex.
     pub fn bounds(&self, field: &HeightField<'_>) -> Aabb {
-        let reach = self.height_min.abs().max(self.height_max.abs());
+        let reach = self.height_min.abs().max_num(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
-        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        let magnitude = max_abs(self.p0).max_num(max_abs(self.p1)).max_num(max_abs(self.p2));
         if field.is_vector() {
             return self.vector_bounds(field, flat, magnitude);
         }
@@ -677,7 +678,7 @@ impl BaseTriangle {
                         .including(b + to * low)
                         .including(a + from * high)
                         .including(b + to * high);
-                    let wide = low.abs().max(high.abs());
+                    let wide = low.abs().max_num(high.abs());
                     let grown = Aabb::EMPTY.including(a).including(b).padded(wide);
                     let seam = if seams.directions_spread(field, e) { grown } else { hull };
                     bounds = bounds.including(seam.min).including(seam.max);
@@ -694,7 +695,7 @@ impl BaseTriangle {
     #[inline]
     pub fn flat_bounds(&self) -> Aabb {
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
-        let magnitude = max_abs(self.p0).max(max_abs(self.p1)).max(max_abs(self.p2));
+        let magnitude = max_abs(self.p0).max_num(max_abs(self.p1)).max_num(max_abs(self.p2));
         flat.padded(28.0 * UNIT_ROUNDOFF * magnitude)
     }
 
@@ -713,7 +714,7 @@ impl BaseTriangle {
         let node = Node::root(field.subdivisions);
         let local = vector_bounds::of_node(field, self, &frame, &node, self.has_seams(field), 0, 0.0);
         // As in the quadtree, but for the frame's axes, which are exact, and its origin, which is added again.
-        let size = max_abs(self.p1 - self.p0).max(max_abs(self.p2 - self.p0)) + reach;
+        let size = max_abs(self.p1 - self.p0).max_num(max_abs(self.p2 - self.p0)) + reach;
         let of_bound =
             UNIT_ROUNDOFF * (64.0 * size + vector_bounds::ROUNDINGS_OF_REACH * reach + 2.0 * magnitude);
         let whole = Aabb { min: local.min + self.p0, max: local.max + self.p0 };
@@ -723,14 +724,14 @@ impl BaseTriangle {
     /// The greatest height of any micro-vertex, up or down.
     #[inline]
     pub fn reach(&self, field: &HeightField<'_>) -> f32 {
-        let mut reach = self.height_min.abs().max(self.height_max.abs());
+        let mut reach = self.height_min.abs().max_num(self.height_max.abs());
         if self.has_seams(field) {
             let seams = self.seams(field);
             let mut e = 0;
             while e < 3 {
-                let seam = component(seams.height_min, e).abs().max(component(seams.height_max, e).abs());
+                let seam = component(seams.height_min, e).abs().max_num(component(seams.height_max, e).abs());
                 let corner = seams.corner_range(field, e);
-                reach = reach.max(seam).max(corner.0.abs()).max(corner.1.abs());
+                reach = reach.max_num(seam).max_num(corner.0.abs()).max_num(corner.1.abs());
                 e += 1;
             }
         }
@@ -750,7 +751,8 @@ impl BaseTriangle {
     }
 }
 
-/// The nearer of `nearest` and the ray's hit on the micro-triangle of `cell` of base triangle `primitive`.
+/// The nearer of `nearest` and the ray's hit on the micro-triangle of `cell` of base triangle `primitive`. Its corners
+/// are [sheared](TraversalRay::shear_point) for the ray.
 #[inline]
 pub(super) fn intersect_micro_triangle(
     primitive: u32,
@@ -760,7 +762,7 @@ pub(super) fn intersect_micro_triangle(
     nearest: Hit,
 ) -> Hit {
     let packed = cell.pack();
-    let hit = triangle::intersect(ray, a, b, c, ray.t_max);
+    let hit = triangle::intersect_sheared(a, b, c, ray.t_max);
     let left = primitive == ray.left_primitive && packed == ray.left_cell;
     if left || !hit.t.is_finite() {
         return nearest;
@@ -832,7 +834,7 @@ impl Seams {
     #[inline]
     fn shortest_squared(&self, e: u32) -> f32 {
         let (a, b) = (self.direction((e + 1) % 3), self.direction((e + 2) % 3));
-        let whole = dot(a, a).min(dot(b, b));
+        let whole = dot(a, a).min_num(dot(b, b));
         if whole < 0.5 { 0.0 } else { 0.5 + 0.5 * dot(a, b) }
     }
 
@@ -851,7 +853,7 @@ impl Seams {
         }
         // As in `BaseTriangle::shortest_normal`, what rounding takes is a relative 1e-5.
         let shortest = sqrt(self.shortest_squared(e)) * (1.0 - 2e-5);
-        (low.min(low / shortest), high.max(high / shortest))
+        (low.min_num(low / shortest), high.max_num(high / shortest))
     }
 }
 

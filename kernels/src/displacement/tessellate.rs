@@ -116,7 +116,8 @@ pub fn intersect(scene: &SceneView<'_>, ray: &TraversalRay, i: u32, nearest: Hit
     let primitive = i / (n * n);
     let cell = cell_at(n, i % (n * n));
     let [a, b, c] = corners(scene.micro_vertices, n, primitive, cell);
-    intersect_micro_triangle(primitive, ray, cell, [a, b, c], nearest)
+    let sheared = [ray.shear_point(a), ray.shear_point(b), ray.shear_point(c)];
+    intersect_micro_triangle(primitive, ray, cell, sheared, nearest)
 }
 
 #[cfg(test)]

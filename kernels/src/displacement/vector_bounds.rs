@@ -16,6 +16,7 @@ use crate::displacement::quadtree::{Bounds, Lifts, Node, RayFrame, farthest, fil
 use crate::displacement::surface::{BaseTriangle, HeightField, along_edge};
 use crate::displacement::vector::{Sides, Source};
 use crate::interface::{Displacement, displacement_kind, normals};
+use crate::math::MinMax;
 use glam::Vec3;
 
 /// How much of [`BaseTriangle::reach`], in unit roundoffs, is in the margin of bounds. The reach is the sum of three
@@ -58,7 +59,7 @@ pub(super) fn of_node(
     let mut part = 0;
     while part < part_count {
         let piece = if part == 0 {
-            let corners = [node.corner(0, n), node.corner(1, n), node.corner(2, n)];
+            let corners = node.corners(n);
             Piece { corners, edge: NO_EDGE, sides: Sides::NONE, is_there: true }
         } else if part <= 3 {
             Piece::at_edge(field, base, node, touched, coarse, part - 1)
@@ -154,8 +155,8 @@ impl Piece {
             let map = field.displacement(source.displacement);
             let texel = |w: Vec3| texel_coordinates(&map, interpolate2(w, a.uv, b.uv, c.uv));
             let (t0, t1, t2) = (texel(w0), texel(w1), texel(w2));
-            let error = texel_error(&map, a.uv.abs().max(b.uv.abs()).max(c.uv.abs()));
-            let (low, high) = (t0.min(t1).min(t2) - error, t0.max(t1).max(t2) + error);
+            let error = texel_error(&map, a.uv.abs().max_num(b.uv.abs()).max_num(c.uv.abs()));
+            let (low, high) = (t0.min_num(t1).min_num(t2) - error, t0.max_num(t1).max_num(t2) + error);
             let mut axis = 0;
             while axis < 3 {
                 let map = field.displacement(source.displacement + axis);
@@ -185,7 +186,7 @@ impl Piece {
                     box1 = box1.lifted(a1 * lowest, a1 * highest);
                     box2 = box2.lifted(a2 * lowest, a2 * highest);
                 } else {
-                    let reach = Vec3::splat(least.abs().max(greatest.abs()) * share);
+                    let reach = Vec3::splat(least.abs().max_num(greatest.abs()) * share);
                     box0 = box0.lifted(-reach, reach);
                     box1 = box1.lifted(-reach, reach);
                     box2 = box2.lifted(-reach, reach);
@@ -194,7 +195,10 @@ impl Piece {
             }
             i += 1;
         }
-        Bounds { min: box0.min.min(box1.min).min(box2.min), max: box0.max.max(box1.max).max(box2.max) }
+        Bounds {
+            min: box0.min.min_num(box1.min).min_num(box2.min),
+            max: box0.max.max_num(box1.max).max_num(box2.max),
+        }
     }
 }
 
@@ -202,7 +206,7 @@ impl Bounds {
     /// Moved by anything between two vectors, component by component.
     #[inline]
     fn lifted(self, a: Vec3, b: Vec3) -> Bounds {
-        Bounds { min: self.min + a.min(b), max: self.max + a.max(b) }
+        Bounds { min: self.min + a.min_num(b), max: self.max + a.max_num(b) }
     }
 }
 
