@@ -227,8 +227,8 @@ min_max_of_vector!(Vec2: x, y);
 min_max_of_vector!(Vec3: x, y, z);
 min_max_of_vector!(Vec4: x, y, z, w);
 
-/// The integer part of `x`, at least 0 and below 2^24. A cast would also tell what is beyond, in six instructions on a
-/// GPU.
+/// The integer part of `x`, which the caller guarantees to be at least 0 and below 2^24. A cast would also tell what is
+/// beyond, in six instructions on a GPU.
 #[inline]
 pub fn to_u32(x: f32) -> u32 {
     #[cfg(not(target_arch = "spirv"))]
@@ -238,7 +238,7 @@ pub fn to_u32(x: f32) -> u32 {
     }
     #[cfg(target_arch = "spirv")]
     #[expect(unsafe_code, reason = "an unchecked cast is one instruction")]
-    // SAFETY: callers keep `x` in the range, which the tests of the CPU build see to.
+    // SAFETY: callers guarantee the range, and the CPU build of the same source asserts it in debug builds.
     unsafe {
         x.to_int_unchecked()
     }

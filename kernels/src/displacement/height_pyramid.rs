@@ -15,8 +15,11 @@ use crate::math::{MinMax, UNIT_ROUNDOFF, at, ceil_log2, floor, fma, put, to_u32}
 use crate::texture::{height_texel, unorm8, unorm16};
 use glam::Vec2;
 
-/// Words before level 1: word l is where level l begins, counted from word 0; word 0 is not used. Maps of 2^31 texels a
-/// side have 31 levels.
+/// Most texels along a side of a map: two of its periods are counted in floats, exactly.
+pub const MAX_MAP_SIDE: u32 = 1 << 22;
+
+/// Words before level 1: word l is where level l begins, counted from word 0; word 0 is not used. No map has as many
+/// levels.
 pub const HEADER: u32 = 32;
 
 /// The level whose one entry is the whole map; 0 where the map is a single texel.
@@ -229,8 +232,7 @@ fn next_texel(x: u32, size: u32, mode: u32) -> u32 {
     }
 }
 
-/// A stretch of texels along an axis: the first, and how many more there are. Of the endless map; `fold` brings
-/// it into the map.
+/// A stretch of texels along an axis: the first, and how many more there are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stretch {
     first: u32,
@@ -307,7 +309,8 @@ fn fold(low: f32, high: f32, size: u32, mode: u32) -> Stretch {
     }
 }
 
-/// The integer `i` modulo the integer n, not negative: for |i| up to [`FARTHEST`], n from 2 to 2^23. On a GPU that is
+/// The integer `i` modulo the integer n, not negative: for |i| up to [`FARTHEST`], n from 2 to twice
+/// [`MAX_MAP_SIDE`]. On a GPU that is
 /// shorter than a division of integers.
 #[inline]
 fn remainder(i: f32, n: f32) -> f32 {
@@ -332,9 +335,10 @@ impl Pyramid<'_> {
 
     /// A range that holds what a filter gives between texel coordinates `low` and `high`, to within the rounding that
     /// [`Displacement::height_range`] allows for; that of coordinates ([`texel_error`]) is already added to them. Read
-    /// are four texels where they are all, else at most nine, or one to four entries of the lowest level at which two
-    /// an axis hold them all. That range is of a box less than twice as long as the one asked for. A single entry of
-    /// the next level would do too; a descent that reads one visits a third more micro-triangles and takes longer.
+    /// are at most nine texels, or one to four entries of the lowest level at which two an axis hold them all; always
+    /// as many as that, some of them twice. That range is of a box less than twice as long as the one asked for. A
+    /// single entry of the next level would do too; a descent that reads one visits a third more micro-triangles and
+    /// takes longer.
     #[inline]
     pub fn range_between(&self, low: Vec2, high: Vec2) -> TexelRange {
         let Displacement { map_width: width, map_height: height, first_range, .. } = self.map;
@@ -353,8 +357,8 @@ impl Pyramid<'_> {
         let (left, right) = (x.first >> level, wrapped(x.first + across, width) >> level);
         let (top, bottom) = (y.first >> level, wrapped(y.first + down, height) >> level);
         let (top, bottom) = (top * columns, bottom * columns);
-        // Where one an axis is enough it is read twice: a read that a branch leaves out costs a GPU more, since those
-        // behind the branch wait for it.
+        // Where one an axis is enough it is read twice: on a GPU a branch that leaves out a read costs more, since the
+        // reads behind it wait for that before it.
         let (a, b) = (self.stored(first, top + left), self.stored(first, top + right));
         let (c, d) = (self.stored(first, bottom + left), self.stored(first, bottom + right));
         a.including(b).including(c.including(d))

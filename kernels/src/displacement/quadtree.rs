@@ -761,7 +761,7 @@ impl Prism {
             Lifts::new(least, greatest, n0, n1, n2)
         };
         if lifts.bounded {
-            // Not from an empty box on: where lifts are infinite a point may be NaN, and so is the box then.
+            // Not from an empty box on: where lifts are infinite all points may be NaN, and so is the box then.
             Bounds::of_point(p0 + n0 * lifts.min)
                 .including(p0 + n0 * lifts.max)
                 .including(p1 + n1 * lifts.min)

@@ -10,7 +10,7 @@ use crate::heights;
 use crate::instances;
 use crate::scene::mip_levels;
 use emboss_kernels::aabb::Aabb;
-use emboss_kernels::displacement::height_pyramid::pyramid_words;
+use emboss_kernels::displacement::height_pyramid::{MAX_MAP_SIDE, pyramid_words};
 use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{
     Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
@@ -133,6 +133,7 @@ impl SceneBuffers {
             let words = texel_words(map);
             map.map_width > 0
                 && map.map_height > 0
+                && map.map_width.max(map.map_height) <= MAX_MAP_SIDE
                 && texels(map.map_width, map.map_height, filtered) <= u32::MAX.into()
                 && map.roughness.is_finite()
                 && map.roughness >= 0.0
@@ -228,7 +229,7 @@ impl SceneBuffers {
         } else if traced && !self.displacements.iter().all(height_is_known) {
             "a height map is not stored, or not wrapped, as the features say"
         } else if traced && !self.displacements.iter().all(map_is_sound) {
-            "the height map has fewer texels than its size says"
+            "the height map has fewer texels than its size says, or more along a side than 2^22"
         } else if traced && !pyramids_are_in_line() {
             "the height maps' pyramids do not lie one behind the other"
         } else if welded && !self.triangles.iter().all(names_seams) {
@@ -824,12 +825,16 @@ mod tests {
     #[test]
     fn every_index_that_a_kernel_follows_is_checked() {
         type Break = fn(&mut SceneBuffers, &mut Frame);
-        let breaks: [(&str, Break); 24] = [
+        let breaks: [(&str, Break); 25] = [
             ("a vertex", |scene, _| scene.triangles[0].vertices[1] = 3),
             ("fewer triangles", |_, frame| frame.triangle_count = 2),
             ("lights", |_, frame| frame.light_count = 2),
             ("fewer texels", |scene, _| scene.displacements[0].map_width = 5),
             ("fewer texels", |scene, _| scene.displacements[0].first_word = 1),
+            ("along a side than 2^22", |scene, _| {
+                scene.displacements[0].map_width = MAX_MAP_SIDE + 1;
+                scene.height_texels = vec![0; MAX_MAP_SIDE as usize];
+            }),
             ("pyramids", |scene, _| scene.displacements[0].first_range = 1),
             ("triangle names a height map", |scene, _| scene.triangles[0].displacement = 1),
             ("names seams", |scene, _| scene.triangles[0].seams = 1),

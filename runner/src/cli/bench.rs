@@ -92,11 +92,17 @@ impl BuildArgs {
         let mut all = Vec::new();
         let measured = self.measure(builders, &bar, &interrupt, &mut all);
         bar.finish_and_clear();
-        // Whatever has ended it: what was measured until then is known.
-        if let Some(path) = &self.json {
-            write_json(path, &all).map_err(|reason| cannot_write(path, reason))?;
+        // Whatever has ended it: what was measured until then is known. Nothing takes no older file's place.
+        let is_any = measured.is_ok() || all.iter().any(|device| !device.sizes.is_empty());
+        let written = match &self.json {
+            Some(path) if is_any => write_json(path, &all).map_err(|reason| cannot_write(path, reason)),
+            _ => Ok(()),
+        };
+        if let (Err(_), Err(error)) = (&measured, &written) {
+            tracing::warn!("{error}");
         }
         measured?;
+        written?;
         if interrupt.requested() { Err(CliError::BenchInterrupted) } else { Ok(()) }
     }
 

@@ -100,10 +100,14 @@ impl CompareArgs {
         });
         bar.finish_and_clear();
         // What is measured can be looked at before the rest is.
-        if matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. })) {
-            report::write(&store).map_err(CompareError::from)?;
+        let is_any =
+            matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. }));
+        let reported = if is_any { report::write(&store).map_err(CompareError::from) } else { Ok(()) };
+        if let (Err(_), Err(error)) = (&measured, &reported) {
+            tracing::warn!("{error}");
         }
         measured?;
+        reported?;
         if !args.quiet {
             say_results(&store);
         }

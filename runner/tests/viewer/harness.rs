@@ -1,5 +1,6 @@
 //! A display of its own, and a viewer in it.
 
+use image::RgbaImage;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -226,4 +227,20 @@ impl Viewer {
         assert!(!complains, "{}", ended.stderr);
         place
     }
+}
+
+/// Whether a picture stands in the screen's upper left corner.
+pub(crate) fn shows(screen: &impl Fn(usize, usize) -> u32, picture: &RgbaImage) -> bool {
+    picture.enumerate_pixels().all(|(x, y, texel)| {
+        let [r, g, b, _] = texel.0.map(u32::from);
+        screen(x as usize, y as usize) == r << 16 | g << 8 | b
+    })
+}
+
+/// The command line in a PNG.
+pub(crate) fn command_in(path: &Path) -> String {
+    let file = BufReader::new(std::fs::File::open(path).expect("a picture"));
+    let reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let chunk = reader.info().utf8_text.iter().find(|chunk| chunk.keyword == "Command").expect("a command");
+    chunk.get_text().expect("text")
 }

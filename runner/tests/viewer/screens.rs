@@ -1,10 +1,13 @@
 //! Windows on screens of other densities, on several screens, and out of sight.
 
-use crate::harness::{Display, Viewer};
+use crate::harness::{Display, Viewer, shows};
 use crate::x11::Desktop;
-use crate::{QUICK, numbers, rendered_again, shows};
+use crate::{QUICK, numbers, rendered_again};
 use image::RgbaImage;
 use std::time::{Duration, Instant};
+
+/// All samples take seconds on whatever machine, so that it is minimised before they are done.
+const ONE_THREAD: [(&str, &str); 2] = [("RAYON_NUM_THREADS", "1"), ("LP_NUM_THREADS", "1")];
 
 /// Passes are over, and nothing goes round.
 fn assert_falls_idle(viewer: &Viewer) {
@@ -146,7 +149,8 @@ fn window_follows_screens() {
 /// Nobody sees a minimised window: nothing is rendered, no processor is busy, and when it is back the picture goes on
 /// from where it was.
 fn assert_waits_while_minimised(backend: &[&str], samples: u32) {
-    let Some(display) = Display::managed() else { return };
+    let Some(mut display) = Display::managed() else { return };
+    display.environment.extend(ONE_THREAD.map(|(name, one)| (name, one.into())));
     let script = format!(
         "key tab\nsamples 2\nsay READY\nsamples {samples}\nkey p\nmessage wrote\nsamples {samples}\nframes 1\n\
          say SAVED\nmessage never"
@@ -193,7 +197,8 @@ fn minimised_window_waits() {
 /// tells, whatever told before that it is seen.
 #[test]
 fn window_that_is_minimised_without_a_word_waits() {
-    let Some(display) = Display::start() else { return };
+    let Some(mut display) = Display::start() else { return };
+    display.environment.extend(ONE_THREAD.map(|(name, one)| (name, one.into())));
     let desktop = Desktop::of(&display);
     let script = "key tab\nsamples 1\nsay READY\nsamples 60\nsay DONE\nmessage never";
     let arguments = [&QUICK[..], &["--backend=cpu", "--size=200x150", "--samples=60"]].concat();

@@ -2,7 +2,8 @@
 //! tested knows nothing of it, the Vulkan loader puts it between the program and the driver.
 //!
 //! A test makes [`Faults`], starts a program with their [environment](Faults::environment), and [plans](Faults::plan)
-//! what is to fail, before or while the program runs. Linux alone has it.
+//! what is to fail, before or while the program runs.
+#![cfg(target_os = "linux")]
 
 mod layer;
 mod plan;

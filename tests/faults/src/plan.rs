@@ -81,9 +81,10 @@ pub(crate) fn answer(call: &str) -> Option<vk::Result> {
             PLAN.get_or_init(|| Mutex::new(Plan { faults, is_lost: false }))
         }
     };
-    let answer = plan.lock().unwrap_or_else(PoisonError::into_inner).answer(call)?;
+    // Held until it is noted, so that calls of other threads are noted behind the one that made them fail.
+    let mut plan = plan.lock().unwrap_or_else(PoisonError::into_inner);
+    let answer = plan.answer(call)?;
     let failed = File::options().create(true).append(true).open(path.with_file_name(crate::FAILED));
-    // In one piece: calls of other threads may fail too.
     let noted = failed.and_then(|mut file| file.write_all(format!("{call} {answer:?}\n").as_bytes()));
     noted.expect("the folder takes files");
     Some(answer)
