@@ -154,6 +154,20 @@ fn lost_devices_command_renders() {
     assert_eq!(image::image_dimensions(folder.path().join("a.png")).expect("a picture"), (120, 90));
 }
 
+/// A viewer of a few pictures, whose screen shows the last one whatever fails. It is told to end.
+fn is_shown_all_the_same(place: &Place, display: &mut Display) -> Viewer {
+    let script = "samples 1\nframes 3\nkey tab\nkey v\nsamples 4\nframes 3\nkey p\nmessage wrote\nsay SHOWN\n\
+        message never";
+    let arguments = ["--by-swapchain", "--samples=4", "--background=0.25,0.5,1"];
+    let mut viewer = view(place, display, &arguments, script);
+    assert_eq!(viewer.hears("SHOWN"), 4);
+    let saved = image::open(viewer.path("a.png")).expect("a PNG").to_rgba8();
+    assert!(shows(&display.screen(), &saved));
+    viewer.focus(display);
+    display.xdotool(&["key", "Escape"]);
+    viewer
+}
+
 /// A window's system may take back its surface, and change the window, at any time.
 #[test]
 fn lost_surfaces_and_stale_swapchains_are_made_anew() {
@@ -172,15 +186,7 @@ fn lost_surfaces_and_stale_swapchains_are_made_anew() {
         fault(PRESENT, 6, stale),
     ];
     place.plan(&faults);
-    let script = "samples 1\nframes 3\nkey tab\nkey v\nsamples 4\nframes 3\nkey p\nmessage wrote\nsay SHOWN\n\
-        message never";
-    let arguments = ["--by-swapchain", "--samples=4", "--background=0.25,0.5,1"];
-    let mut viewer = view(&place, &mut display, &arguments, script);
-    assert_eq!(viewer.hears("SHOWN"), 4);
-    let saved = image::open(viewer.path("a.png")).expect("a PNG").to_rgba8();
-    assert!(shows(&display.screen(), &saved));
-    viewer.focus(&display);
-    display.xdotool(&["key", "Escape"]);
+    let viewer = is_shown_all_the_same(&place, &mut display);
     viewer.ends_well();
     let failed = place.faults.failed().expect("they failed");
     assert_eq!(failed.len(), faults.len(), "{failed:?}");
@@ -192,15 +198,7 @@ fn surface_that_cannot_be_had_is_done_without() {
     let Some(mut display) = Display::start() else { return };
     let place = Place::new();
     place.plan(&[Fault::from(PRESENT, 3, SURFACE_LOST)]);
-    let script = "samples 1\nframes 3\nkey tab\nkey v\nsamples 4\nframes 3\nkey p\nmessage wrote\nsay SHOWN\n\
-        message never";
-    let arguments = ["--by-swapchain", "--samples=4", "--background=0.25,0.5,1"];
-    let mut viewer = view(&place, &mut display, &arguments, script);
-    assert_eq!(viewer.hears("SHOWN"), 4);
-    let saved = image::open(viewer.path("a.png")).expect("a PNG").to_rgba8();
-    assert!(shows(&display.screen(), &saved));
-    viewer.focus(&display);
-    display.xdotool(&["key", "Escape"]);
+    let viewer = is_shown_all_the_same(&place, &mut display);
     let (ended, _) = viewer.end();
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let said = "INFO pictures are shown by the window's system: Vulkan: presenting a picture failed: ";
