@@ -1,5 +1,6 @@
 //! `emboss bench`: measurements, as tables on standard output.
 
+use super::error::first_error;
 use super::interrupt::Interrupt;
 use super::{CliError, description, progress, say, values};
 use crate::backend::select::devices;
@@ -98,11 +99,7 @@ impl BuildArgs {
             Some(path) if is_any => write_json(path, &all).map_err(|reason| cannot_write(path, reason)),
             _ => Ok(()),
         };
-        if let (Err(_), Err(error)) = (&measured, &written) {
-            tracing::warn!("{error}");
-        }
-        measured?;
-        written?;
+        first_error(measured, written)?;
         if interrupt.requested() { Err(CliError::BenchInterrupted) } else { Ok(()) }
     }
 

@@ -1,6 +1,7 @@
 //! `emboss compare`.
 
 use super::arguments::RenderArgs;
+use super::error::first_error;
 use super::interrupt::Interrupt;
 use super::{CliError, progress, say, values};
 use crate::backend::kernels_hash;
@@ -103,11 +104,7 @@ impl CompareArgs {
         let is_any =
             matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. }));
         let reported = if is_any { report::write(&store).map_err(CompareError::from) } else { Ok(()) };
-        if let (Err(_), Err(error)) = (&measured, &reported) {
-            tracing::warn!("{error}");
-        }
-        measured?;
-        reported?;
+        first_error(measured, reported)?;
         if !args.quiet {
             say_results(&store);
         }

@@ -10,6 +10,7 @@ use crate::scene::SceneError;
 use crate::settings::Method;
 use crate::stats::StatsError;
 use crate::view::{ScriptError, Unread, ViewError};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// Why a command failed. Each message says what to do.
@@ -131,5 +132,26 @@ impl From<SceneError> for CliError {
 impl From<BackendError> for CliError {
     fn from(error: BackendError) -> Self {
         CliError::Render(error.into())
+    }
+}
+
+/// What a command failed with that writes what it has all the same. Where it cannot write that either it warns of it.
+pub(super) fn first_error<E: Display>(worked: Result<(), E>, written: Result<(), E>) -> Result<(), E> {
+    if let (Err(_), Err(error)) = (&worked, &written) {
+        tracing::warn!("{error}");
+    }
+    worked.and(written)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::first_error;
+
+    #[test]
+    fn what_ended_a_command_is_said_before_what_could_not_be_written() {
+        assert_eq!(first_error(Err("lost"), Err("full")), Err("lost"));
+        assert_eq!(first_error(Ok(()), Err("full")), Err("full"));
+        assert_eq!(first_error(Err("lost"), Ok(())), Err("lost"));
+        assert_eq!(first_error::<&str>(Ok(()), Ok(())), Ok(()));
     }
 }
