@@ -23,6 +23,12 @@ impl Aabb {
         Aabb { min: self.min.min_num(p), max: self.max.max_num(p) }
     }
 
+    /// The smallest box that holds both.
+    #[inline]
+    pub fn joined(self, other: Aabb) -> Aabb {
+        Aabb { min: self.min.min_num(other.min), max: self.max.max_num(other.max) }
+    }
+
     /// This box grown by `margin` on every side.
     #[inline]
     pub fn padded(self, margin: f32) -> Aabb {

@@ -4,10 +4,23 @@ use crate::math::{fma, fma3};
 use glam::{Vec2, Vec3};
 
 /// Weight m/n of a grid line: exactly 0 and 1 at the ends, also where division is not correctly rounded (Vulkan
-/// allows 2.5 ulp), so that micro-vertices at corners are the corners.
+/// allows 2.5 ulp), so that micro-vertices at corners are the corners; and exact where n is a power of two.
 #[inline]
 pub fn grid_weight(m: u32, n: u32) -> f32 {
-    if m == n { 1.0 } else { m as f32 / n as f32 }
+    if n & (n - 1) == 0 {
+        exact_weight(m, n)
+    } else if m == n {
+        1.0
+    } else {
+        m as f32 / n as f32
+    }
+}
+
+/// m/n, n a power of two: exact on every device, which a division need not be.
+#[inline]
+pub fn exact_weight(m: u32, n: u32) -> f32 {
+    // The exponent of 1/n is that of n with the other sign.
+    m as f32 * f32::from_bits((254 << 23) - (n as f32).to_bits())
 }
 
 /// Barycentric coordinates (alpha, beta, gamma) of grid point (j, k) of a triangle whose sides have n parts.

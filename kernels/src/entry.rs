@@ -11,6 +11,7 @@
 
 pub mod bvh;
 pub mod distances;
+pub mod prism_tree;
 pub mod tessellate;
 
 use crate::bvh::radix_sort::{self, Pairs};
@@ -27,7 +28,7 @@ use crate::math::{add_to_counter, at, put, workgroup_barrier};
 use crate::parallel::{Word, Workgroup};
 use crate::scene::{Features, SceneView};
 use crate::{film, probe, render};
-use glam::{UVec3, Vec4};
+use glam::{UVec3, UVec4, Vec4};
 use spirv_std::{glam, spirv};
 
 /// Adds one sample to each pixel of some tiles.
@@ -54,6 +55,7 @@ pub fn render(
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(spec_constant(id = 14, default = 0))] placed: u32,
+    #[spirv(spec_constant(id = 15, default = 0))] stored: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -73,6 +75,7 @@ pub fn render(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 12)] sums: &mut [FilmPixel],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
 ) {
@@ -96,6 +99,7 @@ pub fn render(
         instances,
         micro_vertices,
         distances,
+        prism_tree,
     };
     let features = Features {
         method,
@@ -113,6 +117,7 @@ pub fn render(
         filter,
         adaptive,
         instances: placed,
+        bounds: stored,
     };
     let mut counts = Counts::default();
     let (x, y, is_one) = film::pixel(frame, tiles, group.y * groups.x + group.x, id.x, id.y);
@@ -160,6 +165,7 @@ pub fn trace_rays(
     #[spirv(spec_constant(id = 12, default = 0))] filter: u32,
     #[spirv(spec_constant(id = 13, default = 0))] adaptive: u32,
     #[spirv(spec_constant(id = 14, default = 0))] placed: u32,
+    #[spirv(spec_constant(id = 15, default = 0))] stored: u32,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] frame: &Frame,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] vertices: &[Vertex],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
@@ -179,6 +185,7 @@ pub fn trace_rays(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 15)] rays: &[Ray],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 16)] intersections: &mut [Intersection],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 14)] counters: &mut [Counter],
@@ -203,6 +210,7 @@ pub fn trace_rays(
         instances,
         micro_vertices,
         distances,
+        prism_tree,
     };
     let features = Features {
         method,
@@ -215,6 +223,7 @@ pub fn trace_rays(
         filter,
         adaptive,
         instances: placed,
+        bounds: stored,
         ..Features::default()
     };
     let mut counts = Counts::default();
@@ -271,6 +280,7 @@ pub fn bound_heights(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -295,6 +305,7 @@ pub fn bound_heights(
             instances,
             micro_vertices,
             distances,
+            prism_tree,
         };
         let mut triangle = at(scene.triangles, i);
         let (low, high) = height_bounds(&HeightField::new(&scene, features), vertices, triangle);
@@ -331,6 +342,7 @@ pub fn decide_seams(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -355,6 +367,7 @@ pub fn decide_seams(
             instances,
             micro_vertices,
             distances,
+            prism_tree,
         };
         let decided = seams::decide_seams(&HeightField::new(&scene, features), at(scene.seams, i));
         put(seams, i, decided);
@@ -393,6 +406,7 @@ pub fn prism_bounds(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 24)] boxes: &mut [f32],
 ) {
     if id.x < batch.count {
@@ -428,6 +442,7 @@ pub fn prism_bounds(
             instances,
             micro_vertices,
             distances,
+            prism_tree,
         };
         surface::prism_bounds(&scene, features, i).store(boxes, i);
     }

@@ -103,8 +103,11 @@ pub mod binding {
     /// unless [`SPHERE`](super::method::SPHERE) is the method. Written by `distance_columns` and `distance_map`, read
     /// by the rest.
     pub const DISTANCES: u32 = 43;
+    /// `[UVec4]`: the nodes of a stored tree, see [`prism_tree`](crate::prism_tree); none unless there is one. Written
+    /// by its build, read by the rest.
+    pub const PRISM_TREE: u32 = 44;
     /// How many bindings set 0 has.
-    pub const COUNT: u32 = 44;
+    pub const COUNT: u32 = 45;
 }
 
 /// Ids of the specialisation constants, and their meaning. A feature that a scene does not use is absent from
@@ -140,8 +143,10 @@ pub mod spec {
     pub const ADAPTIVE: u32 = 13;
     /// 1 where meshes stand in the places of [`Instance`](super::Instance)s.
     pub const INSTANCES: u32 = 14;
+    /// What is stored for the exact method: [`bounds`](super::bounds).
+    pub const BOUNDS: u32 = 15;
     /// How many specialisation constants there are.
-    pub const COUNT: u32 = 15;
+    pub const COUNT: u32 = 16;
 }
 
 /// Values of [`spec::METHOD`].
@@ -230,6 +235,16 @@ pub mod method {
     pub const fn takes_vectors(method: u32) -> bool {
         takes_any_scene(method) || method == TESSELLATE
     }
+}
+
+/// Values of [`spec::BOUNDS`]: what is stored for [`QUADTREE`](method::QUADTREE).
+pub mod bounds {
+    /// Nothing: bounds follow from the height map, for each ray anew.
+    pub const NONE: u32 = 0;
+    /// The boxes of a [tree](crate::prism_tree); micro-vertices follow from the height map.
+    pub const BOXES: u32 = 1;
+    /// The boxes, and what micro-vertices follow from.
+    pub const ALL: u32 = 2;
 }
 
 /// The space of a map of normals.
@@ -709,7 +724,7 @@ pub struct Batch {
     pub first: u32,
     /// How many items.
     pub count: u32,
-    /// `probe` only: which kernel, one of [`probe`](crate::probe).
+    /// `probe`: which kernel, one of [`probe`](crate::probe). `tree_nodes`: which level of the heaps.
     pub kernel: u32,
 }
 

@@ -32,6 +32,7 @@ pub mod interface;
 pub mod lighting;
 pub mod math;
 pub mod parallel;
+pub mod prism_tree;
 pub mod probe;
 pub mod ray;
 pub mod relief;

@@ -57,6 +57,19 @@ pub fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
     }
 }
 
+/// `a * b + c` per component, `b` and `c` scalars, rounded once or twice: for bounds that have room for both.
+#[inline]
+pub fn mul_add4(a: Vec4, b: f32, c: f32) -> Vec4 {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        a * b + c
+    }
+    #[cfg(target_arch = "spirv")]
+    {
+        Vec4::new(fma(a.x, b, c), fma(a.y, b, c), fma(a.z, b, c), fma(a.w, b, c))
+    }
+}
+
 /// Cross product with each component within 1.5 ulp of the exact one, however much cancels.
 #[inline]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
@@ -324,6 +337,22 @@ pub fn add_to_counter(counter: &mut Counter, value: Counter) {
     let carry = (old.wrapping_add(value.low) < old) as u32;
     if carry + value.high != 0 {
         add_atomically(&mut counter.high, carry + value.high);
+    }
+}
+
+/// An array that the caller writes before it reads: of zeros on the CPU, of anything on SPIR-V, where a kilobyte of
+/// zeros for each ray's stack takes as long as all else of a ray that hits nothing.
+#[inline]
+pub fn scratch<T: Copy + Default, const N: usize>() -> [T; N] {
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        [T::default(); N]
+    }
+    #[cfg(target_arch = "spirv")]
+    #[expect(unsafe_code, reason = "the compiler has no value that is left undefined")]
+    {
+        // SAFETY: callers write each item before they read it.
+        unsafe { core::mem::MaybeUninit::<[T; N]>::uninit().assume_init() }
     }
 }
 

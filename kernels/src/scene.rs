@@ -4,6 +4,7 @@ use crate::interface::{
     BvhNode, Displacement, Frame, Instance, Material, PointLight, SeamSide, Seams, Tangent, TexelScale,
     Triangle, Vertex,
 };
+use glam::UVec4;
 
 /// The buffers of a scene, as bound by the backend.
 #[derive(Clone, Copy)]
@@ -42,11 +43,13 @@ pub struct SceneView<'a> {
     pub normal_texels: &'a [u32],
     /// The instances; none unless [`Features::instances`].
     pub instances: &'a [Instance],
-    /// Micro-vertices, three floats each; none unless the method is
-    /// [`TESSELLATE`](crate::interface::method::TESSELLATE).
+    /// Micro-vertices: three floats each where the method is [`TESSELLATE`](crate::interface::method::TESSELLATE), of a
+    /// [stored tree](crate::prism_tree) as its [layout](crate::prism_tree::layout) says; else none.
     pub micro_vertices: &'a [f32],
     /// Distance maps; none unless the method is [`SPHERE`](crate::interface::method::SPHERE).
     pub distances: &'a [f32],
+    /// The [stored tree](crate::prism_tree); none unless [`Features::bounds`].
+    pub prism_tree: &'a [UVec4],
 }
 
 /// The switches that decide which code a pipeline holds: values of the modules in
@@ -83,6 +86,8 @@ pub struct Features {
     pub adaptive: u32,
     /// 1 where meshes stand in the places of [`Instance`]s, 0 where each triangle stands once, as it is stored.
     pub instances: u32,
+    /// What is stored for the exact method: see [`bounds`](crate::interface::bounds).
+    pub bounds: u32,
 }
 
 impl Features {
@@ -104,6 +109,7 @@ impl Features {
             self.filter,
             self.adaptive,
             self.instances,
+            self.bounds,
         ]
     }
 }

@@ -29,6 +29,7 @@ pub(crate) struct TestScene {
     pub(crate) instances: Vec<Instance>,
     pub(crate) micro_vertices: Vec<f32>,
     pub(crate) distances: Vec<f32>,
+    pub(crate) prism_tree: Vec<glam::UVec4>,
 }
 
 /// The undisplaced method, lit, without shadows.
@@ -48,6 +49,7 @@ pub(crate) const FLAT: Features = Features {
     filter: 0,
     adaptive: 0,
     instances: 0,
+    bounds: 0,
 };
 
 impl TestScene {
@@ -129,6 +131,7 @@ impl TestScene {
             instances: &self.instances,
             micro_vertices: &self.micro_vertices,
             distances: &self.distances,
+            prism_tree: &self.prism_tree,
         }
     }
 }

@@ -16,7 +16,8 @@ use crate::scene::{Material, Mesh, Relief};
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::subdivisions::Viewpoint;
-use emboss_kernels::interface::{FilmPixel, Frame, Instance, PointLight, Triangle};
+use emboss_kernels::interface::{FilmPixel, Frame, Instance, PointLight, Triangle, bounds, filter};
+use emboss_kernels::prism_tree::layout::Layout;
 use emboss_kernels::scene::Features;
 use glam::{Vec3, Vec4};
 use std::borrow::Cow;
@@ -327,7 +328,10 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         filter: settings.filter.id(),
         adaptive: u32::from(settings.adaptive.is_some()),
         instances: u32::from(!instances.is_empty()),
+        bounds: bounds::NONE,
     };
+    let features =
+        Features { bounds: stored_bounds(settings, &mesh, &seams, subdivisions, features), ..features };
     let detail = |pixels| framing::detail(&settings.view, settings.width, settings.height, pixels);
     let (height_min, height_max) = heights::range(&heights.displacements, features);
     let frame = Frame {
@@ -361,6 +365,30 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         ..SceneBuffers::default()
     };
     Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone(), stems })
+}
+
+/// What of the bounds fits into the memory that they may take: see [`bounds`]. Scenes whose surface follows the view,
+/// and instances, have none.
+fn stored_bounds(
+    settings: &Settings,
+    mesh: &Mesh,
+    seams: &SeamTable,
+    subdivisions: u32,
+    features: Features,
+) -> u32 {
+    let is_fixed = features.filter == filter::BILINEAR && features.adaptive == 0 && features.instances == 0;
+    if settings.method != Method::Quadtree || !is_fixed {
+        return bounds::NONE;
+    }
+    let layout = Layout::new(count(mesh.triangles.len()), subdivisions);
+    let fits = |stored| {
+        let floats = layout.floats(count(seams.seams.len()), Features { bounds: stored, ..features });
+        let quarters = layout.quarters();
+        let bytes = floats.saturating_mul(4).saturating_add(quarters.saturating_mul(16));
+        bytes <= settings.bounds.bytes() && floats.max(quarters) <= u32::MAX.into()
+    };
+    let largest = [bounds::ALL, bounds::BOXES].into_iter().find(|&stored| fits(stored));
+    largest.unwrap_or(bounds::NONE)
 }
 
 /// Loads a job, and looks at what the backend makes of it as was asked for: then the job has its camera and lights.

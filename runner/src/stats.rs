@@ -1,13 +1,16 @@
 //! What a rendering took, as `--stats` writes it.
 
 use crate::backend::{
-    Backend, BuildReport, PipelineCode, distance_maps, is_stored, micro_vertices, tree_primitives,
+    Backend, BuildReport, PipelineCode, distance_maps, is_stored, stored_sizes, tree_primitives,
 };
 use crate::render::{Job, Rendering, Scene};
-use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
+use crate::settings::{
+    Bounds, DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
+};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
 use emboss_kernels::relief::distance_map::WORDS;
+use glam::UVec4;
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -67,8 +70,10 @@ pub struct Bytes {
     pub nodes: u64,
     /// Order of the triangles, or of stored micro-triangles, in the BVH's leaves.
     pub primitives: u64,
-    /// Micro-vertices; 0 where none is stored.
+    /// Micro-vertices, or what they follow from; 0 where none is stored.
     pub micro_vertices: u64,
+    /// Stored bounds of the exact method; 0 where there are none.
+    pub bounds: u64,
     /// Texels of the height maps.
     pub height_texels: u64,
     /// The height maps' min/max pyramids.
@@ -146,6 +151,8 @@ pub struct SettingsUsed {
     pub normals: Normals,
     /// Whether neighbours that disagree meet without a crack.
     pub weld: Weld,
+    /// How much memory stored bounds may take: `none`, `auto` or MiB.
+    pub bounds: Bounds,
     /// What pixels show.
     pub shade: Shade,
     /// Whether light was reflected by the displaced surface's own normals.
@@ -178,6 +185,7 @@ impl SettingsUsed {
             displacement: settings.displacement,
             normals: settings.normals,
             weld: settings.weld,
+            bounds: settings.bounds,
             shade: settings.shade,
             smooth: settings.smooth,
             shadows: settings.shadows,
@@ -263,14 +271,15 @@ impl Bytes {
         let buffers = &job.buffers;
         let micro_triangles =
             if is_stored(job.features) { tree_primitives(&job.frame, job.features) } else { 0 };
+        let (floats, quarters) = stored_sizes(&job.frame, job.features, buffers.seams.len());
         let boxes = u64::from(job.frame.triangle_count) + u64::from(micro_triangles);
         Bytes {
             vertices: bytes(&buffers.vertices) + bytes(&buffers.tangents),
             triangles: bytes(&buffers.triangles),
             nodes: u64::from(build.nodes) * size_of::<BvhNode>() as u64,
             primitives: u64::from(tree_primitives(&job.frame, job.features)) * size_of::<u32>() as u64,
-            micro_vertices: u64::from(micro_vertices(&job.frame, job.features))
-                * size_of::<[f32; 3]>() as u64,
+            micro_vertices: floats * size_of::<f32>() as u64,
+            bounds: quarters * size_of::<UVec4>() as u64,
             height_texels: bytes(&buffers.height_texels),
             height_ranges: buffers.pyramid_words() * size_of::<u32>() as u64,
             distances: u64::from(distance_maps(buffers.displacements.len(), job.features))
@@ -293,9 +302,10 @@ impl Bytes {
         self.nodes + self.primitives
     }
 
-    /// What is made of the height maps for rays to skip what they cannot meet: min/max pyramids and distance maps.
+    /// What is made of the height maps for rays to skip what they cannot meet: min/max pyramids, distance maps and
+    /// stored bounds.
     pub(crate) fn trees(&self) -> u64 {
-        self.height_ranges + self.distances
+        self.height_ranges + self.distances + self.bounds
     }
 
     /// Height maps, and maps of normals or of offsets.
@@ -319,6 +329,7 @@ impl Bytes {
             lights,
             instances,
             micro_vertices,
+            bounds,
             distances,
             boxes,
             texel_scales,
@@ -330,6 +341,7 @@ impl Bytes {
             + nodes
             + primitives
             + micro_vertices
+            + bounds
             + distances
             + boxes
             + texel_scales

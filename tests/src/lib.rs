@@ -1,5 +1,6 @@
 //! Whole-program tests of Emboss, and what they share.
 
+pub mod bounds;
 pub mod boxes;
 pub mod changes;
 pub mod compare;

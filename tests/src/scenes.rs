@@ -7,7 +7,7 @@ use emboss::framing::View;
 use emboss::render::{Job, Scene, prepare};
 use emboss::scene::builtin::{self, BuiltinScene};
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
-use emboss::settings::{DisplacementKind, Light, Method, Settings, Wrap};
+use emboss::settings::{Bounds, DisplacementKind, Light, Method, Settings, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight, Vertex, height_format};
 use emboss_kernels::scene::{Features, SceneView};
@@ -207,11 +207,17 @@ impl Deref for ReadyJob {
     }
 }
 
+/// What bounds may take where a test leaves it to the program: those of small meshes and N are stored, those of others
+/// are not, so that tests see both, and none waits for millions of micro-triangles.
+const BOUNDS: Bounds = Bounds::Mib(2);
+
 /// A scene as a job.
 ///
 /// # Panics
 /// Where it cannot be framed: those of tests can.
 pub fn job(scene: Scene, settings: &Settings) -> ReadyJob {
+    let bounds = if settings.bounds == Bounds::Auto { BOUNDS } else { settings.bounds };
+    let settings = &Settings { bounds, ..settings.clone() };
     let mut job = prepare(scene, settings).expect("sound maps");
     let mut scene = HostScene::new(&job.buffers, &job.frame, job.features)
         .unwrap_or_else(|error| panic!("the scene cannot be loaded: {error}"));

@@ -11,7 +11,7 @@ use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::hit::Hit;
-use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, Vertex, height_format, method};
+use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, Vertex, bounds, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::render::trace_ray;
 use emboss_kernels::scene::{Features, SceneView};
@@ -152,7 +152,8 @@ fn traced_in_reverse(job: &ReadyJob, method: u32, rays: &[Ray]) -> Vec<Intersect
     let primitives: Vec<u32> = (0..job.frame.triangle_count).rev().collect();
     let nodes = [BvhNode { min, max, first: 0, count: job.frame.triangle_count }];
     let scene = SceneView { nodes: &nodes, primitives: &primitives, ..job.view() };
-    let features = Features { method, ..job.features };
+    // A stored tree has an order of its own.
+    let features = Features { method, bounds: bounds::NONE, ..job.features };
     rays.iter().map(|ray| trace_ray(&scene, features, *ray, &mut Counts::default())).collect()
 }
 

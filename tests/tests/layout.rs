@@ -11,7 +11,7 @@ use emboss_kernels::interface::{
     Intersection, Material, PointLight, PyramidPart, Ray, SeamSide, Seams, SortPass, TILE_GROUP_SIZE,
     Tangent, TexelScale, Tiles, Triangle, Vertex, binding, spec,
 };
-use glam::{Vec3, Vec4};
+use glam::{UVec4, Vec3, Vec4};
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, Op, StorageClass, Word};
 use std::collections::{BTreeMap, BTreeSet};
@@ -89,6 +89,12 @@ impl Shared for Vec3 {
 impl Shared for Vec4 {
     fn numbers() -> Vec<Number> {
         <[f32; 4]>::numbers()
+    }
+}
+
+impl Shared for UVec4 {
+    fn numbers() -> Vec<Number> {
+        <[u32; 4]>::numbers()
     }
 }
 
@@ -198,6 +204,7 @@ fn host_buffers() -> [(u32, Layout); binding::COUNT as usize] {
         (binding::NORMAL_TEXELS, u32::many()),
         (binding::MICRO_VERTICES, f32::many()),
         (binding::DISTANCES, f32::many()),
+        (binding::PRISM_TREE, UVec4::many()),
     ]
 }
 
@@ -394,6 +401,11 @@ fn push_constants_have_the_layout_of_the_hosts_structs() {
         ("tessellate", Some(Batch::one())),
         ("tessellate_bounds", Some(Batch::one())),
         ("trace_rays", Some(Batch::one())),
+        ("tree_blocks", Some(Batch::one())),
+        ("tree_frames", Some(Batch::one())),
+        ("tree_micro_vertices", Some(Batch::one())),
+        ("tree_nodes", Some(Batch::one())),
+        ("tree_upper_nodes", Some(Batch::one())),
     ];
     let modules = compiled();
     let found: Vec<_> =
@@ -452,6 +464,11 @@ fn entry_points_have_the_workgroups_of_the_interface() {
         ("tessellate", batch),
         ("tessellate_bounds", batch),
         ("trace_rays", batch),
+        ("tree_blocks", batch),
+        ("tree_frames", batch),
+        ("tree_micro_vertices", batch),
+        ("tree_nodes", batch),
+        ("tree_upper_nodes", batch),
     ];
     assert_eq!(workgroups, expected);
 }

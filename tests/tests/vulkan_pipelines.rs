@@ -33,6 +33,7 @@ const ALL: Features = Features {
     filter: filter::TRILINEAR,
     adaptive: 0,
     instances: 1,
+    bounds: 0,
 };
 
 /// What is left of an entry point.

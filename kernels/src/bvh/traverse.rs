@@ -7,8 +7,9 @@ use crate::displacement::surface::{BaseTriangle, HeightField};
 use crate::displacement::{brute_force, grid_walk, inverse, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
-use crate::interface::{BvhNode, MAX_BVH_DEPTH, method};
-use crate::math::{MinMax, at, gamma};
+use crate::interface::{BvhNode, MAX_BVH_DEPTH, bounds, method};
+use crate::math::{MinMax, at, gamma, scratch};
+use crate::prism_tree;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::triangle;
@@ -33,6 +34,22 @@ pub enum Query {
 pub fn traverse(
     scene: &SceneView<'_>,
     features: Features,
+    ray: &TraversalRay,
+    query: Query,
+    counts: &mut Counts,
+) -> Hit {
+    if features.bounds != bounds::NONE && features.method == method::QUADTREE {
+        prism_tree::traverse::traverse(scene, features, ray, query, counts)
+    } else {
+        traverse_binary(scene, features, ray, query, counts)
+    }
+}
+
+/// The same where no tree is stored.
+#[inline]
+fn traverse_binary(
+    scene: &SceneView<'_>,
+    features: Features,
     world_ray: &TraversalRay,
     query: Query,
     counts: &mut Counts,
@@ -54,12 +71,12 @@ pub fn traverse(
     } else {
         0.0
     };
-    let mut stack = [0u32; MAX_BVH_DEPTH as usize];
-    let mut stack_distances = [0.0f32; MAX_BVH_DEPTH as usize];
+    let mut stack: [u32; MAX_BVH_DEPTH as usize] = scratch();
+    let mut stack_distances: [f32; MAX_BVH_DEPTH as usize] = scratch();
     let mut depth = 0;
     // Those of the tree over instances.
-    let mut world_stack = [0u32; MAX_BVH_DEPTH as usize];
-    let mut world_distances = [0.0f32; MAX_BVH_DEPTH as usize];
+    let mut world_stack: [u32; MAX_BVH_DEPTH as usize] = scratch();
+    let mut world_distances: [f32; MAX_BVH_DEPTH as usize] = scratch();
     let mut world_depth = 0;
     // The node to be visited next. Its contents would take registers while prisms are tested.
     let mut next_node = 0;
@@ -191,7 +208,7 @@ pub fn traverse(
 /// Beyond this distance a box can hold no hit that counts: hits at equal distances must all be found, and a hit's
 /// computed distance can fall short of its box's by the rounding of both.
 #[inline]
-fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
+pub(crate) fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
     ray.t_max.min_num(nearest.t * (1.0 + 4.0 * gamma(12)))
 }
 

@@ -168,16 +168,10 @@ pub(super) fn snap(i: u32, step: u32) -> u32 {
     (i + (step >> 1)) & !(step - 1)
 }
 
-/// m/n, n a power of two: exact on every device, which a division need not be.
-#[inline]
-pub(super) fn exact_weight(m: u32, n: u32) -> f32 {
-    // The exponent of 1/n is that of n with the other sign.
-    m as f32 * f32::from_bits((254 << 23) - (n as f32).to_bits())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::barycentric::exact_weight;
     use crate::math::tests::Numbers;
 
     /// The same in f64, where products with powers of four are exact.

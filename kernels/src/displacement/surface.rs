@@ -1,11 +1,11 @@
 //! The micro-triangle surface: what every method intersects.
 
 use crate::aabb::Aabb;
-use crate::barycentric::{grid_point, interpolate, interpolate2};
+use crate::barycentric::{exact_weight, grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
 use crate::displacement::quadtree::{Node, RayFrame};
-use crate::displacement::subdivisions::{Subdivisions, Viewpoint, exact_weight};
+use crate::displacement::subdivisions::{Subdivisions, Viewpoint};
 use crate::displacement::{vector, vector_bounds};
 use crate::hit::Hit;
 use crate::interface::{
@@ -524,6 +524,16 @@ impl BaseTriangle {
         fma3(field.lift(h, site.direction), site.direction, p)
     }
 
+    /// The lift of the micro-vertex over grid point (j, k) where its height is the triangle's own map's: what
+    /// [`micro_vertex`](Self::micro_vertex) multiplies its direction by.
+    #[inline]
+    pub fn own_lift(&self, field: &HeightField<'_>, j: u32, k: u32) -> f32 {
+        let w = field.weights(j, k);
+        let p = interpolate(w, self.p0, self.p1, self.p2);
+        let h = field.height(&self.map, self.uv(w), field.pixel_at(p, w, self.vertices));
+        field.lift(h, interpolate(w, self.n0, self.n1, self.n2))
+    }
+
     /// What decides the micro-vertex at `w`, a point of the triangle's border over `p`; `inner` where that is the
     /// triangle itself.
     fn site_on_border(&self, field: &HeightField<'_>, w: Vec3, p: Vec3, inner: Site) -> Site {
@@ -754,7 +764,7 @@ impl BaseTriangle {
 /// The nearer of `nearest` and the ray's hit on the micro-triangle of `cell` of base triangle `primitive`. Its corners
 /// are [sheared](TraversalRay::shear_point) for the ray.
 #[inline]
-pub(super) fn intersect_micro_triangle(
+pub(crate) fn intersect_micro_triangle(
     primitive: u32,
     ray: &TraversalRay,
     cell: Cell,

@@ -36,14 +36,14 @@ pub fn vertices_of(n: u32) -> u32 {
 
 /// Place of grid point (j, k) among them.
 #[inline]
-fn vertex_place(n: u32, j: u32, k: u32) -> u32 {
+pub fn vertex_place(n: u32, j: u32, k: u32) -> u32 {
     let row = n - j;
     row * (row + 1) / 2 + k
 }
 
 /// The grid point (j, k) in place `i`.
 #[inline]
-fn grid_point_at(n: u32, i: u32) -> (u32, u32) {
+pub fn grid_point_at(n: u32, i: u32) -> (u32, u32) {
     // The row is the greatest s with s (s + 1) / 2 <= i. 8 i + 1 and its root are rounded, to less than a row.
     let s = ((sqrt((8 * i + 1) as f32) - 1.0) * 0.5) as u32;
     let s = if s * (s + 1) / 2 > i { s - 1 } else { s };

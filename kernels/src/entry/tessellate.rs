@@ -6,7 +6,7 @@ use crate::interface::{
     TexelScale, Triangle, Vertex,
 };
 use crate::scene::{Features, SceneView};
-use glam::UVec3;
+use glam::{UVec3, UVec4};
 use spirv_std::{glam, spirv};
 
 /// Computes some micro-vertices of a tessellation. Heights must be bounded and seams decided.
@@ -38,6 +38,7 @@ pub fn tessellate(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 41)] normal_texels: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 42)] micro_vertices: &mut [f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 43)] distances: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 44)] prism_tree: &[UVec4],
 ) {
     if id.x < batch.count {
         let i = batch.first + id.x;
@@ -69,6 +70,7 @@ pub fn tessellate(
             instances,
             micro_vertices: &*micro_vertices,
             distances,
+            prism_tree,
         };
         let p = tessellate::micro_vertex(&scene, features, i);
         tessellate::store(micro_vertices, i, p);

@@ -2,8 +2,8 @@
 
 use super::{
     BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights,
-    distance_maps, is_stored, micro_vertices, reserved, tree_primitives, turned_distances, unknown_distances,
-    with_displacements, with_view,
+    distance_maps, has_tree, is_stored, micro_vertices, reserved, stored_sizes, tree_primitives,
+    turned_distances, unknown_distances, with_displacements, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -13,9 +13,12 @@ use emboss_kernels::displacement::height_pyramid::height_bounds;
 use emboss_kernels::displacement::seams::decide_seams;
 use emboss_kernels::displacement::surface::{HeightField, prism_bounds};
 use emboss_kernels::displacement::tessellate;
-use emboss_kernels::interface::{BvhNode, Displacement, Frame, Instance, PointLight};
+use emboss_kernels::interface::{BvhNode, Displacement, Frame, Instance, PointLight, bounds};
+use emboss_kernels::prism_tree::build;
+use emboss_kernels::prism_tree::layout::{Layout, heap_nodes, levels};
 use emboss_kernels::relief::distance_map::{self, CELLS, COLUMNS, WORDS};
 use emboss_kernels::scene::{Features, SceneView};
+use glam::UVec4;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::Instant;
@@ -31,6 +34,8 @@ pub struct HostScene {
     boxes: Vec<Aabb>,
     /// Three floats each; none unless that is the method.
     micro_vertices: Vec<f32>,
+    /// The tree that is stored for the exact method; none unless the features say so.
+    prism_tree: Vec<UVec4>,
     /// Distance maps; none unless the method reads them.
     distances: Vec<f32>,
     /// Those of them that have to be computed when prisms are prepared next.
@@ -107,6 +112,7 @@ impl HostScene {
             instances: &self.buffers.instances,
             micro_vertices: &self.micro_vertices,
             distances: &self.distances,
+            prism_tree: &self.prism_tree,
         }
     }
 
@@ -195,6 +201,9 @@ impl HostScene {
         if is_stored(features) {
             self.tessellate()?;
         }
+        if has_tree(&self.frame, features) {
+            self.store_bounds()?;
+        }
         self.map_distances();
         Ok(())
     }
@@ -251,6 +260,69 @@ impl HostScene {
         Ok(())
     }
 
+    /// The stored tree below the triangles.
+    fn store_bounds(&mut self) -> Result<(), BackendError> {
+        let features = self.features;
+        let (floats, quarters) = stored_sizes(&self.frame, features, self.buffers.seams.len());
+        let length = |count| usize::try_from(count).unwrap_or(usize::MAX);
+        // The old ones go first, so that two need not fit side by side.
+        (self.micro_vertices, self.prism_tree) = (Vec::new(), Vec::new());
+        let mut micro_vertices = reserved("the micro-vertices", length(floats))?;
+        micro_vertices.resize(length(floats), 0.0);
+        let mut tree = reserved("the stored bounds", length(quarters))?;
+        tree.resize(length(quarters), UVec4::ZERO);
+        let layout = Layout::new(self.frame.triangle_count, self.frame.subdivisions);
+        let triangles = 0..self.frame.triangle_count;
+        if features.bounds == bounds::ALL {
+            let view = self.view();
+            let store = |i| build::store_micro_vertex(&view, features, i);
+            for_each_stored(0..build::micro_vertices(&view), store, |stored| {
+                stored.store(&mut micro_vertices)
+            });
+        }
+        self.micro_vertices = micro_vertices;
+        let view = self.view();
+        for triangle in triangles.clone() {
+            build::store_record(build::frame(&view, features, triangle), &mut tree, layout.record(triangle));
+        }
+        self.prism_tree = tree;
+        let (n, levels) = (self.frame.subdivisions, levels(self.frame.subdivisions));
+        if levels > 0 {
+            let of_heap = build::lowest_nodes(n);
+            let mut tree = std::mem::take(&mut self.prism_tree);
+            let frames = tree[..layout.heap_node(0, 0) as usize].to_vec();
+            let view = SceneView { prism_tree: &frames, ..self.view() };
+            let place = |i| layout.heap_node(i / of_heap, heap_nodes(levels - 1) + i % of_heap);
+            let lowest = |i| (place(i), build::lowest_node(&view, features, i));
+            let count = self.frame.triangle_count * of_heap;
+            for_each_stored(0..count, lowest, |(place, node)| node.store(&mut tree, place));
+            for level in (0..levels - 1).rev() {
+                for triangle in triangles.clone() {
+                    for node in heap_nodes(level)..heap_nodes(level + 1) {
+                        let inner = build::inner_node(&tree, &layout, triangle, node);
+                        inner.store(&mut tree, layout.heap_node(triangle, node));
+                    }
+                }
+            }
+            self.prism_tree = tree;
+        }
+        Ok(())
+    }
+
+    /// The stored tree above the triangles.
+    fn collapse_bvh(&mut self) {
+        if has_tree(&self.frame, self.features) {
+            let layout = Layout::new(self.frame.triangle_count, self.frame.subdivisions);
+            // A pair has two nodes; those behind the root are pairs.
+            let pairs = u32::try_from(self.bvh.nodes.len() / 2).unwrap_or(u32::MAX);
+            for pair in 0..pairs {
+                let (node, links) = build::collapse(&self.bvh.nodes, &self.bvh.primitives, pair);
+                node.store(&mut self.prism_tree, layout.upper_node(pair));
+                self.prism_tree[layout.upper_node(pair) as usize + 3] = links;
+            }
+        }
+    }
+
     /// What the trees are over.
     fn tree_boxes(&self) -> &[Aabb] {
         if is_stored(self.features) { &self.micro_boxes } else { &self.boxes }
@@ -305,6 +377,7 @@ impl HostScene {
         let mut count: usize = trees.iter().map(|tree| tree.nodes.len()).sum();
         if instances.is_empty() {
             self.bvh = trees.into_iter().next().unwrap_or_default();
+            self.collapse_bvh();
         } else {
             let bounds: Vec<Aabb> = trees.iter().map(Bvh::bounds).collect();
             let over = instances::tree_over(instances, &bounds);
@@ -319,6 +392,19 @@ impl HostScene {
             count += over.len();
         }
         u32::try_from(count).unwrap_or(u32::MAX)
+    }
+}
+
+/// Computes items in parallel, and stores them one after the other, some at a time.
+fn for_each_stored<T: Send>(items: Range<u32>, compute: impl Fn(u32) -> T + Sync, mut store: impl FnMut(T)) {
+    const AT_A_TIME: u32 = 1 << 18;
+    let mut computed = Vec::new();
+    let mut first = items.start;
+    while first < items.end {
+        let end = first.saturating_add(AT_A_TIME).min(items.end);
+        (first..end).into_par_iter().map(&compute).collect_into_vec(&mut computed);
+        computed.drain(..).for_each(&mut store);
+        first = end;
     }
 }
 

@@ -14,9 +14,10 @@ use emboss_kernels::displacement::height_pyramid::{MAX_MAP_SIDE, pyramid_words};
 use emboss_kernels::displacement::tessellate;
 use emboss_kernels::interface::{
     Displacement, Frame, Instance, Intersection, MAX_PRIMITIVES, MAX_SUBDIVISIONS, Material, NO_SEAMS,
-    PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, color_format, counter,
+    PointLight, Ray, SeamSide, Seams, Tangent, TexelScale, Triangle, Vertex, bounds, color_format, counter,
     displacement_kind, filter, height_format, method, normal_space, shade, wrap,
 };
+use emboss_kernels::prism_tree::layout::Layout;
 use emboss_kernels::relief::distance_map::{WORDS, is_turned};
 use emboss_kernels::relief::normal_texels::HEADER_WORDS;
 use emboss_kernels::scene::Features;
@@ -258,6 +259,8 @@ impl SceneBuffers {
             METHOD_OF_AUTO
         } else if is_stored(features) && (filtered || features.instances != 0) {
             "a tessellation is of one view and one place"
+        } else if displaced && !bounds_fit(frame, features, self.seams.len()) {
+            "bounds are stored of what depends on the view, of instances, or of more than kernels number"
         } else if traced && !self.triangles.iter().all(names_a_material) {
             "a triangle names a material that is not there"
         } else if traced && !self.materials.iter().all(color_is_known) {
@@ -366,13 +369,31 @@ pub(crate) fn tree_primitives(frame: &Frame, features: Features) -> u32 {
     frame.triangle_count.saturating_mul(n.saturating_mul(n))
 }
 
-/// How many micro-vertices are stored.
+/// How many micro-vertices a tessellation stores.
 pub(crate) fn micro_vertices(frame: &Frame, features: Features) -> u32 {
     // N is checked only where something is traced.
     if is_stored(features) && frame.triangle_count > 0 {
         frame.triangle_count * tessellate::vertices_of(frame.subdivisions)
     } else {
         0
+    }
+}
+
+/// Whether a [tree](emboss_kernels::prism_tree) is stored for the exact method.
+pub(crate) fn has_tree(frame: &Frame, features: Features) -> bool {
+    features.bounds != bounds::NONE && frame.triangle_count > 0
+}
+
+/// How many floats of micro-vertices are stored, and how many quarters a stored tree has. `seams`: the entries of the
+/// table of seams.
+pub(crate) fn stored_sizes(frame: &Frame, features: Features, seams: usize) -> (u64, u64) {
+    let layout = Layout::new(frame.triangle_count, frame.subdivisions);
+    if is_stored(features) {
+        (3 * u64::from(micro_vertices(frame, features)), 0)
+    } else if has_tree(frame, features) {
+        (layout.floats(u32::try_from(seams).unwrap_or(u32::MAX), features), layout.quarters())
+    } else {
+        (0, 0)
     }
 }
 
@@ -386,6 +407,15 @@ fn check_micro_triangles(frame: &Frame, features: Features) -> Result<(), Backen
     let most = (1..=MAX_SUBDIVISIONS).take_while(|&n| fits(n)).last().unwrap_or(0);
     let count = u64::from(triangles) * u64::from(subdivisions).pow(2);
     Err(BackendError::TooManyMicroTriangles { triangles, subdivisions, count, most })
+}
+
+/// Whether a tree can be stored as the features say.
+fn bounds_fit(frame: &Frame, features: Features, seams: usize) -> bool {
+    let (floats, quarters) = stored_sizes(frame, features, seams);
+    let is_of_one_view =
+        features.filter == filter::BILINEAR && features.adaptive == 0 && features.instances == 0;
+    features.bounds == bounds::NONE
+        || features.bounds <= bounds::ALL && is_of_one_view && floats.max(quarters) <= u32::MAX.into()
 }
 
 /// Whether heights are read at all.

@@ -10,7 +10,8 @@ use crate::picture::{Destination, PictureFormat};
 use crate::render::check_memory;
 use crate::scene::scene_file::SceneFile;
 use crate::settings::{
-    ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
+    Bounds, ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions,
+    Weld, Wrap,
 };
 use glam::Vec3;
 use std::path::PathBuf;
@@ -85,6 +86,10 @@ pub(super) struct RenderArgs {
     /// What becomes of edges where neighbours disagree on normals or texture coordinates [default: on]
     #[arg(long, value_enum)]
     pub(super) weld: Option<Weld>,
+    /// Memory in MiB for stored bounds of --method quadtree, which make it faster and change no pixel; auto is 256,
+    /// none computes bounds for each ray anew [default: auto]
+    #[arg(long, value_name = "none|auto|MIB")]
+    pub(super) bounds: Option<Bounds>,
     /// What pixels show [default: lit]
     #[arg(long, value_enum)]
     pub(super) shade: Option<Shade>,
@@ -254,6 +259,7 @@ impl RenderArgs {
             adaptive: base.adaptive,
             normals: self.normals.unwrap_or(base.normals),
             weld: self.weld.unwrap_or(base.weld),
+            bounds: self.bounds.unwrap_or(base.bounds),
             shade: self.shade.unwrap_or(base.shade),
             smooth: self.smooth.unwrap_or(base.smooth),
             shadows: self.shadows.unwrap_or(base.shadows && !self.no_shadows),

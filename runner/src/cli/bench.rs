@@ -2,6 +2,7 @@
 
 use super::error::first_error;
 use super::interrupt::Interrupt;
+use super::trace::TraceArgs;
 use super::{CliError, description, progress, say, values};
 use crate::backend::select::devices;
 use crate::backend::vulkan::{Selection, VulkanBackend};
@@ -29,6 +30,13 @@ pub(super) enum Bench {
     /// stand the bytes that the phases move at least, in MB, and, with --bandwidth, the milliseconds in which memory
     /// of that bandwidth moves them.
     Build(BuildArgs),
+    /// What tracing costs: time of a sample, by the device's own clock, and memory
+    ///
+    /// Takes the arguments of `emboss render`. The table has the first sample, then medians of those after it, in
+    /// milliseconds: as asked for; without shadow rays; and without shading, which is intersection alone (and the
+    /// film). Then the memory of all but film and colours in MB, and for each primary ray the boxes of the BVH, the
+    /// sub-triangles and the micro-triangles that it was tested against.
+    Trace(Box<TraceArgs>),
 }
 
 /// What builds are measured on where no device is named.
@@ -72,6 +80,7 @@ impl Bench {
     pub(super) fn run(self) -> Result<(), CliError> {
         match self {
             Bench::Build(args) => args.run(),
+            Bench::Trace(args) => args.run(),
         }
     }
 }
@@ -206,7 +215,7 @@ impl Builder {
     }
 }
 
-fn cannot_write(path: &Path, reason: std::io::Error) -> CliError {
+pub(super) fn cannot_write(path: &Path, reason: std::io::Error) -> CliError {
     CliError::Results { path: path.to_owned(), reason }
 }
 

@@ -38,6 +38,7 @@ impl RenderArgs {
             offset_map,
             normals,
             weld,
+            bounds,
             shade,
             smooth,
             backend,
@@ -92,6 +93,7 @@ impl RenderArgs {
         }
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
+        line.option("--bounds", *bounds);
         line.choice("--shade", *shade);
         line.assignment("--smooth", smooth.map(switch_text));
         line.choice("--backend", (*backend != BackendChoice::Auto).then_some(*backend));

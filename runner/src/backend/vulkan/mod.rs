@@ -54,10 +54,13 @@ use device::Device;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::bvh::radix_sort::{count_words, limbs, result_half};
 use emboss_kernels::bvh::refit::node_count;
+use emboss_kernels::displacement::tessellate::vertices_of;
 use emboss_kernels::interface::{
     BvhNode, Counter, Displacement, FilmPixel, Frame, Intersection, PointLight, Ray, Seams, Triangle,
-    binding, counter,
+    binding, bounds, counter,
 };
+use emboss_kernels::prism_tree::build::lowest_nodes;
+use emboss_kernels::prism_tree::layout::levels;
 use emboss_kernels::probe::{IN_STRIDE, OUT_STRIDE};
 use emboss_kernels::relief::distance_map::{CELLS, COLUMNS, WORDS};
 use emboss_kernels::scene::Features;
@@ -291,6 +294,11 @@ impl VulkanBackend {
                 self.programs.get(&self.device, kernel)?;
             }
         }
+        if resident.bounds().1 != bounds::NONE {
+            for kernel in TREE_KERNELS {
+                self.programs.get(&self.device, kernel)?;
+            }
+        }
         Ok(())
     }
 
@@ -316,6 +324,41 @@ impl VulkanBackend {
                 program.run_batches(&self.commands, items, 0)?;
             }
         }
+        self.store_bounds(resident)
+    }
+
+    /// The stored tree below the triangles.
+    fn store_bounds(&mut self, resident: &Resident) -> Result<(), BackendError> {
+        let (n, stored) = resident.bounds();
+        if stored == bounds::NONE {
+            return Ok(());
+        }
+        let triangles = resident.triangles();
+        let mut run = |kernel, count, level| {
+            let program = self.programs.get(&self.device, kernel)?;
+            program.pipeline().bind(|at| resident.buffer(at));
+            program.run_batches(&self.commands, 0..count, level)
+        };
+        if stored == bounds::ALL {
+            run(Kernel::TreeMicroVertices, triangles * vertices_of(n), 0)?;
+        }
+        run(Kernel::TreeFrames, triangles, 0)?;
+        run(Kernel::TreeBlocks, triangles * lowest_nodes(n), 0)?;
+        for level in (0..levels(n).saturating_sub(1)).rev() {
+            run(Kernel::TreeNodes, triangles << (2 * level), level)?;
+        }
+        Ok(())
+    }
+
+    /// The stored tree above the triangles.
+    fn collapse_bvh(&mut self, resident: &Resident) -> Result<(), BackendError> {
+        let (_, stored) = resident.bounds();
+        let pairs = self.report.nodes / 2;
+        if stored != bounds::NONE && pairs > 0 {
+            let program = self.programs.get(&self.device, Kernel::TreeUpperNodes)?;
+            program.pipeline().bind(|at| resident.buffer(at));
+            program.run_batches(&self.commands, 0..pairs, 0)?;
+        }
         Ok(())
     }
 
@@ -336,7 +379,7 @@ impl VulkanBackend {
             let is_sound = tree.state.unsound(commands, transfers)? == 0;
             if is_sound && builder.cost(commands, transfers, tree)? <= MOST_GROWTH * built_cost {
                 self.report = BuildReport { duration: start.elapsed(), refitted: true, ..before };
-                return Ok(());
+                return self.collapse_bvh(resident);
             }
         }
         self.build_bvh(resident, start)
@@ -354,7 +397,7 @@ impl VulkanBackend {
         let (nodes, left_out) = (node_count(sound), tree.state.count() - sound);
         self.report = BuildReport { duration: start.elapsed(), nodes, left_out, refitted: false };
         self.built_cost = None;
-        Ok(())
+        self.collapse_bvh(resident)
     }
 
     /// Builds the trees of the instances' meshes, one after the other, each by itself, and the tree over the instances.
@@ -652,6 +695,15 @@ fn preparation(resident: &Resident) -> Vec<(Kernel, Range<u32>)> {
     }
     kernels
 }
+
+/// The kernels that store a tree.
+const TREE_KERNELS: [Kernel; 5] = [
+    Kernel::TreeMicroVertices,
+    Kernel::TreeFrames,
+    Kernel::TreeBlocks,
+    Kernel::TreeNodes,
+    Kernel::TreeUpperNodes,
+];
 
 /// The first `count` boxes in a buffer.
 fn read_boxes(

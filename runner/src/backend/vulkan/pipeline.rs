@@ -12,7 +12,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 /// How many storage buffers the hungriest kernel, `trace_rays`, binds.
-pub(super) const MOST_BINDINGS: u32 = 22;
+pub(super) const MOST_BINDINGS: u32 = 23;
 
 /// The bindings of a scene, which kernels that look at it have all of, and more.
 macro_rules! scene_and {
@@ -37,6 +37,7 @@ macro_rules! scene_and {
             NORMAL_TEXELS,
             MICRO_VERTICES,
             DISTANCES,
+            PRISM_TREE,
             $($more),*
         ]
     };
@@ -83,6 +84,11 @@ kernels! {
     PrismBounds: "prism_bounds",
     Tessellate: "tessellate",
     TessellateBounds: "tessellate_bounds",
+    TreeMicroVertices: "tree_micro_vertices",
+    TreeFrames: "tree_frames",
+    TreeBlocks: "tree_blocks",
+    TreeNodes: "tree_nodes",
+    TreeUpperNodes: "tree_upper_nodes",
     DistanceColumns: "distance_columns",
     DistanceMap: "distance_map",
     Probe: "probe",
@@ -119,6 +125,11 @@ impl Kernel {
             Kernel::PrismBounds => "bounding the displaced triangles",
             Kernel::Tessellate => "displacing micro-vertices",
             Kernel::TessellateBounds => "bounding micro-triangles",
+            Kernel::TreeMicroVertices
+            | Kernel::TreeFrames
+            | Kernel::TreeBlocks
+            | Kernel::TreeNodes
+            | Kernel::TreeUpperNodes => "storing bounds",
             Kernel::DistanceColumns | Kernel::DistanceMap => "mapping distances",
             Kernel::Probe => "probing a kernel",
             Kernel::SumBlocks | Kernel::ScanSerially | Kernel::ScanBlocks => "scanning",
@@ -148,7 +159,14 @@ impl Kernel {
             Kernel::Resolve => &[FRAME, FILM, PICTURE],
             Kernel::TraceRays => scene_and![RAYS, INTERSECTIONS, COUNTERS],
             Kernel::HeightPyramid => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES],
-            Kernel::BoundHeights | Kernel::DecideSeams | Kernel::Tessellate => scene_and![],
+            Kernel::BoundHeights
+            | Kernel::DecideSeams
+            | Kernel::Tessellate
+            | Kernel::TreeMicroVertices
+            | Kernel::TreeFrames
+            | Kernel::TreeBlocks => scene_and![],
+            Kernel::TreeNodes => &[FRAME, PRISM_TREE],
+            Kernel::TreeUpperNodes => &[FRAME, NODES, PRIMITIVES, PRISM_TREE],
             Kernel::DistanceColumns => &[DISPLACEMENTS, HEIGHT_TEXELS, HEIGHT_RANGES, DISTANCES],
             Kernel::DistanceMap => &[DISPLACEMENTS, DISTANCES],
             Kernel::TessellateBounds => &[FRAME, MICRO_VERTICES, BOXES],
@@ -205,6 +223,11 @@ impl Kernel {
             | Kernel::PrismBounds
             | Kernel::Tessellate
             | Kernel::TessellateBounds
+            | Kernel::TreeMicroVertices
+            | Kernel::TreeFrames
+            | Kernel::TreeBlocks
+            | Kernel::TreeNodes
+            | Kernel::TreeUpperNodes
             | Kernel::DistanceColumns
             | Kernel::DistanceMap
             | Kernel::Probe => size_of::<Batch>(),
@@ -274,6 +297,7 @@ impl Kernel {
                 FILTER,
                 ADAPTIVE,
                 INSTANCES,
+                BOUNDS,
             ],
             Kernel::TraceRays => &[
                 METHOD,
@@ -286,6 +310,7 @@ impl Kernel {
                 FILTER,
                 ADAPTIVE,
                 INSTANCES,
+                BOUNDS,
             ],
             Kernel::HeightPyramid | Kernel::DistanceColumns => &[HEIGHT_FORMAT, HEIGHT_WRAP],
             Kernel::DistanceMap => &[HEIGHT_WRAP],
@@ -293,7 +318,11 @@ impl Kernel {
             Kernel::PrismBounds => {
                 &[METHOD, SHADE, HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, FILTER]
             }
-            Kernel::Tessellate => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT],
+            Kernel::Tessellate | Kernel::TreeMicroVertices => {
+                &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT]
+            }
+            Kernel::TreeFrames => &[SEAMS, DISPLACEMENT],
+            Kernel::TreeBlocks => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, BOUNDS],
             _ => &[],
         }
     }

@@ -6,17 +6,18 @@ use super::commands::Commands;
 use super::device::Device;
 use super::transfers::Transfers;
 use crate::backend::{
-    BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, is_stored,
-    micro_vertices, tree_primitives, turned_distances, unknown_distances, with_displacements, with_view,
+    BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, has_tree,
+    is_stored, micro_vertices, stored_sizes, tree_primitives, turned_distances, unknown_distances,
+    with_displacements, with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
 use emboss_kernels::interface::{
-    BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, PointLight, binding, counter,
+    BvhNode, Counter, Displacement, FilmPixel, Frame, Instance, PointLight, binding, bounds, counter,
 };
 use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
-use glam::Vec4;
+use glam::{UVec4, Vec4};
 use std::sync::Arc;
 
 /// What a user can do about a model that is too large.
@@ -33,10 +34,10 @@ const SMALLER_SCENE: &str =
 
 /// The buffers of bindings [`binding::FRAME`] to [`binding::COUNTERS`], [`binding::BOXES`], [`binding::MATERIALS`],
 /// [`binding::TANGENTS`], [`binding::TEXEL_SCALES`], [`binding::INSTANCES`], [`binding::NORMAL_TEXELS`],
-/// [`binding::MICRO_VERTICES`] and [`binding::DISTANCES`], which live as long as the scene.
+/// [`binding::MICRO_VERTICES`], [`binding::DISTANCES`] and [`binding::PRISM_TREE`], which live as long as the scene.
 pub(super) struct Resident {
-    /// By binding, but for the last nine: the boxes, the materials, the tangents, the texels' sizes, the instances, the
-    /// normal maps, the micro-vertices, the distance maps and the boxes of micro-triangles.
+    /// By binding, but for the last ten: the boxes, the materials, the tangents, the texels' sizes, the instances, the
+    /// normal maps, the micro-vertices, the distance maps, the stored tree and the boxes of micro-triangles.
     buffers: Vec<Buffer>,
     frame: Frame,
     displacements: Vec<Displacement>,
@@ -60,12 +61,13 @@ fn place_of(binding: u32) -> usize {
         binding::NORMAL_TEXELS => binding::COUNTERS as usize + 6,
         binding::MICRO_VERTICES => binding::COUNTERS as usize + 7,
         binding::DISTANCES => binding::COUNTERS as usize + 8,
+        binding::PRISM_TREE => binding::COUNTERS as usize + 9,
         _ => binding as usize,
     }
 }
 
 /// Where the boxes of micro-triangles stand there.
-const MICRO_BOXES: usize = binding::COUNTERS as usize + 9;
+const MICRO_BOXES: usize = binding::COUNTERS as usize + 10;
 
 /// What one of the buffers holds at first.
 struct Content<'a> {
@@ -235,6 +237,12 @@ impl Resident {
         [micro_vertices(&self.frame, self.features), micro_triangles]
     }
 
+    /// N, and which bounds are stored.
+    pub(super) fn bounds(&self) -> (u32, u32) {
+        let stored = has_tree(&self.frame, self.features);
+        (self.frame.subdivisions, if stored { self.features.bounds } else { bounds::NONE })
+    }
+
     /// The tree over the triangles or micro-triangles, where there are no instances.
     pub(super) fn tree(&self) -> Tree<'_> {
         Tree {
@@ -284,7 +292,7 @@ fn contents<'a>(
     let primitives = u64::from(tree_primitives(frame, features));
     let one_tree = (2 * primitives).saturating_sub(1);
     let smaller_tree = if is_stored(features) { SMALLER_TESSELLATION } else { SMALLER_MODEL };
-    let micro_floats = 3 * u64::from(micro_vertices(frame, features));
+    let (micro_floats, quarters) = stored_sizes(frame, features, scene.seams.len());
     let distances = u64::from(distance_maps(scene.displacements.len(), features)) * u64::from(WORDS);
     let micro_boxes = if is_stored(features) { 6 * primitives } else { 0 };
     let nodes = one_tree.max(instances::node_room(&scene.instances).into());
@@ -313,6 +321,7 @@ fn contents<'a>(
         uploaded("the normal maps", SMALLER_MAP, cast_slice(&scene.normal_texels)),
         zeros("the micro-vertices", SMALLER_TESSELLATION, micro_floats, size_of::<f32>()),
         zeros("the distance maps", "use fewer maps, or --method pyramid", distances, size_of::<f32>()),
+        zeros("the stored bounds", "use --bounds none, or a smaller N", quarters, size_of::<UVec4>()),
         zeros("the micro-triangles' boxes", SMALLER_TESSELLATION, micro_boxes, size_of::<f32>()),
     ]
 }

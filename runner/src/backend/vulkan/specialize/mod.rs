@@ -238,6 +238,7 @@ pub(super) mod tests {
                 filter: bit(2),
                 adaptive: if method::takes_any_scene(method) { bit(4) } else { 0 },
                 instances: if method == method::TESSELLATE { 0 } else { bit(3) },
+                bounds: (i / 16) % 3,
             }
         };
         (0..48).map(choice).collect()
