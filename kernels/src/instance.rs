@@ -95,7 +95,14 @@ impl Instance {
             padding: 0,
         });
         let left_primitive = if ray.left_instance == index { ray.left_primitive } else { MISS };
-        (TraversalRay { left_primitive, left_cell: ray.left_cell, ..object_ray }, length)
+        let left_cell = ray.left_cell;
+        // Whatever instance it leaves: this one may stand in the same plane.
+        let (mut left_normal, mut left_reach) = (ray.left_normal, ray.left_reach);
+        if left_reach >= 0.0 {
+            left_normal = unit(self.object_normal(left_normal));
+            left_reach = max_abs(point(&magnitudes(self.object_from_world), ray.origin.abs()));
+        }
+        (TraversalRay { left_primitive, left_cell, left_normal, left_reach, ..object_ray }, length)
     }
 }
 

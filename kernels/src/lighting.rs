@@ -34,7 +34,7 @@ pub struct DirectLighting {
     hit: Hit,
     /// Where they start: beyond the error of the hit point, on the viewer's side.
     origin: Vec3,
-    /// Where light arrives: there too, but of methods in image space where the relief was found.
+    /// Where light arrives: at the hit point, of methods in image space where the relief was found.
     shown: Vec3,
     /// Texture coordinates and height there, which methods in image space take.
     uv: Vec2,
@@ -79,14 +79,13 @@ impl DirectLighting {
         let behind = dot(ray.direction, surface.ng) > 0.0;
         let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
         let origin = surface.spawn_origin(ng);
-        let in_image_space = method::is_image_space(features.method);
         DirectLighting {
             color: albedo,
             light: Vec3::splat(frame.ambient),
             next_light: 0,
             hit,
             origin,
-            shown: if in_image_space { surface.shown_point(features, ray) } else { origin },
+            shown: surface.shown_point(features, ray),
             uv: surface.uv,
             height: surface.height,
             seen: 1.0,
@@ -125,7 +124,7 @@ impl DirectLighting {
         counts.shadow_rays += found as u32;
         let toward = light - self.origin;
         let distance = toward.length();
-        (TraversalRay::new(self.origin, toward / distance, distance).leaving(self.hit), found)
+        (TraversalRay::new(self.origin, toward / distance, distance).leaving(self.hit, self.ng), found)
     }
 
     /// Takes what the last shadow ray met.

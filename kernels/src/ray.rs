@@ -2,7 +2,7 @@
 
 use crate::hit::Hit;
 use crate::interface::{MISS, Ray};
-use crate::math::fma;
+use crate::math::{fma, max_abs};
 use glam::Vec3;
 
 /// A ray with what the box and triangle tests need computed once. Its direction is a unit vector, so that `t` is a
@@ -29,6 +29,11 @@ pub struct TraversalRay {
     pub left_cell: u32,
     /// The instance whose triangle that is.
     pub left_instance: u32,
+    /// Unit normal of the plane that the ray leaves, on the side that it leaves to. What lies in that plane within
+    /// rounding, or wholly behind it, the ray cannot hit: see [`triangle`](crate::triangle).
+    pub left_normal: Vec3,
+    /// A bound on the coordinates that the ray's start was computed from; negative where it leaves no plane.
+    pub left_reach: f32,
 }
 
 impl TraversalRay {
@@ -54,6 +59,8 @@ impl TraversalRay {
             left_primitive: MISS,
             left_cell: 0,
             left_instance: 0,
+            left_normal: Vec3::ZERO,
+            left_reach: -1.0,
         }
     }
 
@@ -68,13 +75,16 @@ impl TraversalRay {
         (Self::new(ray.origin, scaled / length, ray.t_max * (length * scale)), length * scale)
     }
 
-    /// The same ray that cannot hit the micro-triangle of `hit`.
+    /// The same ray, which leaves the micro-triangle of `hit` to the side of the unit vector `normal`, the normal of
+    /// its plane: it cannot hit that micro-triangle, nor what is in its plane within rounding.
     #[inline]
-    pub fn leaving(self, hit: Hit) -> Self {
+    pub fn leaving(self, hit: Hit, normal: Vec3) -> Self {
         TraversalRay {
             left_primitive: hit.primitive,
             left_cell: hit.cell,
             left_instance: hit.instance,
+            left_normal: normal,
+            left_reach: max_abs(self.origin),
             ..self
         }
     }
@@ -90,7 +100,7 @@ impl TraversalRay {
 
 /// The components in the cyclic order that puts `axis` third.
 #[inline]
-fn permute(v: Vec3, axis: u32) -> Vec3 {
+pub(crate) fn permute(v: Vec3, axis: u32) -> Vec3 {
     if axis == 0 {
         Vec3::new(v.y, v.z, v.x)
     } else if axis == 1 {

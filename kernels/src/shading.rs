@@ -8,7 +8,7 @@ use crate::film::Sample;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::lighting::DirectLighting;
-use crate::math::{at, cross, dot, gamma, next_down, next_up, sqrt, unit};
+use crate::math::{MinMax, at, cross, dot, gamma, max_abs, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::sampler::pcg4d;
@@ -21,9 +21,13 @@ use glam::{UVec4, Vec2, Vec3};
 pub struct SurfaceInteraction {
     /// The hit point, from the micro-triangle's barycentrics; in the world, as everything here.
     pub point: Vec3,
-    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane. In an instance
-    /// what rays lose on their way into its space is part of it.
+    /// Bound on the error of each coordinate of `point`, as a distance from the micro-triangle's plane and from that of
+    /// any other in which the ray may as well have ended. In an instance what rays lose on their way into its space is
+    /// part of it.
     pub point_error: Vec3,
+    /// Where rays leave from before they are moved by the error: `point`, taken so far into its micro-triangle that
+    /// rounding does not put them behind the neighbour across an edge, where the surface bends towards them.
+    pub inner_point: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
     /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it the displaced surface's
@@ -48,8 +52,15 @@ pub struct SurfaceInteraction {
 impl SurfaceInteraction {
     /// The surface at `hit`, which must be one of `ray`.
     ///
-    /// The error of the point is that of a sum of three products of rounded barycentrics: gamma(7) |b_i p_i| in
-    /// pbrt-v4 (section 6.8.5), gamma(12) here, since Vulkan's division may be off by 2.5 ulp.
+    /// The error of the point has two parts, neither of which vanishes where a coordinate does.
+    /// - Its own: a sum of three products, of weights that add up to 1 within 3 u, is off the plane by gamma(7) of the
+    ///   greatest coordinate M of the micro-triangle (pbrt-v4, section 6.8.5); `OF_COORDINATE` leaves room for the
+    ///   move along a rounded normal.
+    /// - That of the ray's end: of two surfaces which are as far from the ray's start within rounding, either may be
+    ///   found, and a ray that leaves it has to start in front of both. The plane of a triangle, as the test sees it
+    ///   from the ray's start, is off by 20 u of the greatest depth of a corner ([`triangle`](crate::triangle) counts), two
+    ///   planes by 40 u. A corner is no deeper than the distance travelled, t, and twice the greatest component of a
+    ///   side: `OF_DEPTH`.
     #[inline]
     pub fn new(scene: &SceneView<'_>, features: Features, ray: &TraversalRay, hit: Hit) -> Self {
         let base = BaseTriangle::load(scene, hit.primitive);
@@ -86,9 +97,11 @@ impl SurfaceInteraction {
         let uv = base.uv(w);
         let parts = if is_flat || is_smooth { 1.0 } else { field.parts(Cell::unpack(hit.cell)) };
         let uv_area = (base.t1 - base.t0).perp_dot(base.t2 - base.t0).abs();
+        let coordinate = max_abs(p[0]).max_num(max_abs(p[1])).max_num(max_abs(p[2]));
         let mut surface = SurfaceInteraction {
             point: interpolate(on_triangle, p[0], p[1], p[2]),
-            point_error: interpolate(on_triangle.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
+            point_error: Vec3::splat(gamma(OF_COORDINATE) * coordinate),
+            inner_point: Vec3::ZERO,
             ng,
             ns,
             uv,
@@ -100,11 +113,25 @@ impl SurfaceInteraction {
         if method::is_image_space(features.method) {
             surface = relief::surface(scene, features, &field, &base, w, ray, hit, surface);
         }
+        let (mut side1, mut side2, mut area) = (e1, e2, dot(area, n));
         if features.instances != 0 {
             let instance = at(scene.instances, hit.instance);
             surface = surface.placed(&instance);
-            let area = cross(instance.world_vector(e1), instance.world_vector(e2));
-            surface.uv_density = sqrt(uv_area / dot(area, surface.ng).abs()) / parts;
+            (side1, side2) = (instance.world_vector(e1), instance.world_vector(e2));
+            area = dot(cross(side1, side2), surface.ng).abs();
+            surface.uv_density = sqrt(uv_area / area) / parts;
+        }
+        let longest = max_abs(side1).max_num(max_abs(side2)).max_num(max_abs(side2 - side1));
+        surface.point_error += Vec3::splat(gamma(OF_DEPTH) * (hit.t + 2.0 * longest));
+        surface.inner_point = surface.point;
+        if !is_smooth {
+            let offset = dot(surface.ng.abs(), surface.point_error);
+            let inner = interpolate(moved_inwards(b, offset, longest, area), p[0], p[1], p[2]);
+            surface.inner_point = if features.instances != 0 {
+                at(scene.instances, hit.instance).world_point(inner)
+            } else {
+                inner
+            };
         }
         surface
     }
@@ -132,19 +159,44 @@ impl SurfaceInteraction {
         }
     }
 
-    /// Where a ray towards `direction` can start so that rounding does not put it behind the surface: the point moved
-    /// along the normal to the edge of its error box, then rounded away (pbrt-v4, section 6.8.6).
+    /// Where a ray towards `direction` can start so that rounding does not put it behind the surface: the inner point
+    /// moved along the normal to the edge of its error box, then rounded away (pbrt-v4, section 6.8.6).
     #[inline]
     pub fn spawn_origin(&self, direction: Vec3) -> Vec3 {
         let n = if dot(direction, self.ng) < 0.0 { -self.ng } else { self.ng };
         let offset = n * dot(n.abs(), self.point_error);
-        let origin = self.point + offset;
+        let origin = self.inner_point + offset;
         Vec3::new(
             round_along(origin.x, offset.x),
             round_along(origin.y, offset.y),
             round_along(origin.z, offset.z),
         )
     }
+}
+
+/// How many roundings of the greatest coordinate are in [`SurfaceInteraction::point_error`].
+const OF_COORDINATE: u32 = 8;
+/// How many of the greatest depth.
+const OF_DEPTH: u32 = 48;
+/// How far from each side of its micro-triangle a ray starts, in lengths of what it is moved by along the normal: so
+/// that it is in front of a neighbour too with which the surface makes an angle of 10 degrees.
+const FROM_SIDES: f32 = 8.0;
+/// How far it is moved along the micro-triangle at most, in the same lengths: needles, where more would be far, come
+/// less close to [`FROM_SIDES`].
+const MOST_MOVED: f32 = 64.0;
+
+/// Barycentric coordinates moved towards the triangle's middle until they are [`FROM_SIDES`] `offset` from each side,
+/// or have moved by [`MOST_MOVED`] of it. `longest` is the greatest component of a side, `area` twice the triangle's.
+///
+/// With the share s of the way the distance to a side is at least s / 3 of the height on it, which is at least `area`
+/// over sqrt(3) `longest`; the way is less than sqrt(3) `longest`.
+#[inline]
+fn moved_inwards(b: Vec3, offset: f32, longest: f32, area: f32) -> Vec3 {
+    const ROOT_OF_3: f32 = 1.733;
+    let length = ROOT_OF_3 * longest;
+    let share =
+        (3.0 * FROM_SIDES * offset * length / area).min_num(MOST_MOVED * offset / length).min_num(1.0);
+    b + (Vec3::splat(1.0 / 3.0) - b) * share
 }
 
 /// The height that a triangle's own map gives at barycentric coordinates `w`, or the length of the vector.
@@ -407,6 +459,7 @@ mod tests {
     fn spawned_origin_clears_the_error_box_on_the_side_of_the_direction() {
         let surface = SurfaceInteraction {
             point: Vec3::new(100.0, -3.0, 1.0),
+            inner_point: Vec3::new(100.0, -3.0, 1.0),
             point_error: Vec3::new(1e-5, 1e-6, 1e-6),
             ng: Vec3::new(0.6, 0.0, 0.8),
             ns: Vec3::Z,
@@ -421,6 +474,23 @@ mod tests {
             let along = moved.dot(direction.as_dvec3());
             assert!(along > 0.6 * 1e-5 + 0.8 * 1e-6, "{along}");
         }
+    }
+
+    /// By closed form: an equilateral triangle's corner is moved to where both sides are far enough away. A needle's
+    /// point is not moved far.
+    #[test]
+    fn inner_point_keeps_off_the_sides() {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::new(0.5, 0.75_f32.sqrt(), 0.0)];
+        let offset = 1e-4;
+        for b in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::new(0.5, 0.5, 0.0), Vec3::splat(1.0 / 3.0)] {
+            let moved = moved_inwards(b, offset, 1.0, 0.75_f32.sqrt());
+            // The weight of a corner is the distance to the side across, in heights of the triangle.
+            assert!(moved.min_element() * 0.75_f32.sqrt() > FROM_SIDES * offset, "{moved}");
+            let way = |w: Vec3| corners[0] * w.x + corners[1] * w.y + corners[2] * w.z;
+            assert!(way(moved).distance(way(b)) < MOST_MOVED * offset, "{moved}");
+        }
+        let along_needle = moved_inwards(Vec3::X, 1e-4, 1.0, 1e-6) - Vec3::X;
+        assert!(along_needle.abs().max_element() < MOST_MOVED * 1e-4);
     }
 
     /// A level square whose vertex normals lean outwards.

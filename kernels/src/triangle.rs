@@ -1,8 +1,37 @@
 //! The watertight ray/triangle test.
+//!
+//! # Which triangles a ray leaves
+//! A ray that [leaves](TraversalRay::leaving) a plane to one side rises above it. Rounding can make it hit, at a
+//! distance that is 0 but for its own error, what lies in that plane: the triangle beside the one that it leaves, a
+//! face that was written twice, turned round or cut along the other diagonal, a decal, a coincident face of another
+//! model. So a hit of such a ray does not count
+//! - where no corner of the triangle is above the ray's start, as seen along the plane's normal, by more than rounding:
+//!   what the ray rises from it cannot meet;
+//! - where the triangle is parallel to the plane, but for an angle of `MOST_TURN`, and its own plane passes the ray's
+//!   start within rounding: a hit that is closer than its error in t is none.
+//!
+//! The first alone lets go a wall beside a floor only where that rises from the floor by no more than rounding, so that
+//! corners stay closed. The second is for planes through vertices so close together that their rounding tilts them.
+//!
+//! *Rounding* is `ROUNDINGS` u (s + r): s is the greatest sheared coordinate of the triangle's corners, r that of the
+//! ray's start. In detail: a coordinate of a corner relative to the start is at most 2 s, across the ray it is off by 5
+//! u s (its difference to the start, that of the third axis, a product, a sum), along it by 2 u s. An edge function
+//! whose products are not fused is off by as much as moves of a corner by 3 u s; weights divided as Vulkan allows are
+//! off by 5 u, and their sum with depths by 3 u: 8 u s. So the plane, as the test sees it from the start, is off by
+//! (7 + 3 + 2 + 8) u s = 20 u s along its normal, a corner's height above the start by 16 u s. Corners themselves are
+//! off by 28 u of their coordinates, at most 2 s + r, against a surface that coincides with the one left, as are those
+//! of the latter, here at most r: 76 u s + 56 u r together.
 
-use crate::math::difference_of_products;
-use crate::ray::TraversalRay;
+use crate::math::{MinMax, UNIT_ROUNDOFF, cross, difference_of_products, dot, fma, max_abs, sqrt, unit};
+use crate::ray::{TraversalRay, permute};
 use glam::Vec3;
+
+/// What rounding can make of the distance between a ray's start and a plane that coincides with the one left, in unit
+/// roundoffs of the coordinates that it is computed from: see the head of this file.
+const ROUNDINGS: f32 = 96.0;
+/// The sine of the angle between planes up to which they may be one that rounding has tilted. Those of micro-triangles
+/// that are 12 u / 2^-6 = 1/20,000 of their coordinates wide are tilted by less.
+const MOST_TURN: f32 = 1.0 / 64.0;
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,15 +55,16 @@ impl TriangleHit {
 /// sheared 2-D determinants, which both triangles at an edge compute from the same bits with opposite roles, so
 /// that no ray passes between them. Where the paper falls back to doubles, [`difference_of_products`] has the
 /// exact sign already. A triangle seen edge-on or of zero area is missed. `t` carries a relative error of at most
-/// gamma(12) of the greatest vertex depth.
+/// gamma(12) of the greatest vertex depth. It depends on where the corners are and not on their order: a face that is
+/// stored twice, whichever way round, is hit at the same distance to the bit.
 #[inline]
 pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -> TriangleHit {
-    intersect_sheared(ray.shear_point(p0), ray.shear_point(p1), ray.shear_point(p2), t_max)
+    intersect_sheared(ray, ray.shear_point(p0), ray.shear_point(p1), ray.shear_point(p2), t_max)
 }
 
 /// [`intersect`] with vertices that are [sheared](TraversalRay::shear_point) already.
 #[inline]
-pub fn intersect_sheared(a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
+pub fn intersect_sheared(ray: &TraversalRay, a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
     let e0 = difference_of_products(c.x, b.y, c.y, b.x);
     let e1 = difference_of_products(a.x, c.y, a.y, c.x);
     let e2 = difference_of_products(b.x, a.y, b.y, a.x);
@@ -44,15 +74,74 @@ pub fn intersect_sheared(a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
     if any_negative && any_positive || det == 0.0 {
         return TriangleHit::NONE;
     }
+    let hit = distance_and_weights(a, b, c);
+    if !(hit.t >= 0.0 && hit.t <= t_max) || ray.left_reach >= 0.0 && is_left(ray, a, b, c, hit.t) {
+        TriangleHit::NONE
+    } else {
+        hit
+    }
+}
+
+/// Where a ray that meets the triangle (a, b, c) does so. Computed with the corners in an order that is their own, so
+/// that it is the same to the bit in whatever order they come.
+#[inline]
+fn distance_and_weights(a: Vec3, b: Vec3, c: Vec3) -> TriangleHit {
+    let (first, second) = in_order((a, 0), (b, 1));
+    let (second, third) = in_order(second, (c, 2));
+    let (first, second) = in_order(first, second);
+    let ((a, at_first), (b, at_second), (c, _)) = (first, second, third);
+    let e0 = difference_of_products(c.x, b.y, c.y, b.x);
+    let e1 = difference_of_products(a.x, c.y, a.y, c.x);
+    let e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    let det = e0 + e1 + e2;
     // Divided first: the edge functions are areas, and an area times a depth may be less than a float can hold.
     let (b0, b1, b2) = (e0 / det, e1 / det, e2 / det);
-    let t = b0 * a.z + b1 * b.z + b2 * c.z;
-    if t >= 0.0 && t <= t_max { TriangleHit { t, b1, b2 } } else { TriangleHit::NONE }
+    let t = fma(b2, c.z, fma(b1, b.z, b0 * a.z));
+    let weight = |corner: u32| {
+        if at_first == corner {
+            b0
+        } else if at_second == corner {
+            b1
+        } else {
+            b2
+        }
+    };
+    TriangleHit { t, b1: weight(1), b2: weight(2) }
+}
+
+/// Two corners with their numbers, the one of lesser coordinates first.
+#[inline]
+fn in_order(one: (Vec3, u32), other: (Vec3, u32)) -> ((Vec3, u32), (Vec3, u32)) {
+    let (a, b) = (one.0, other.0);
+    let swapped = b.x < a.x || b.x == a.x && (b.y < a.y || b.y == a.y && b.z < a.z);
+    if swapped { (other, one) } else { (one, other) }
+}
+
+/// Whether the triangle of these sheared corners, met at distance `t`, is one that the ray leaves, which must leave a
+/// plane: see the head of this file.
+///
+/// A point q relative to the ray's start is (x, y, 0) + z d in sheared coordinates x, y, z, d the direction. So its
+/// height is n · q = n_x x + n_y y + (n · d) z, and a plane whose normal in sheared coordinates is m has the normal
+/// (m_x, m_y, (m_z - m_x d_x - m_y d_y) / d_z).
+#[inline]
+fn is_left(ray: &TraversalRay, a: Vec3, b: Vec3, c: Vec3, t: f32) -> bool {
+    let (n, d) = (permute(ray.left_normal, ray.major_axis), permute(ray.direction, ray.major_axis));
+    let size = max_abs(a).max_num(max_abs(b)).max_num(max_abs(c));
+    let error = ROUNDINGS * UNIT_ROUNDOFF * (size + ray.left_reach);
+    let up = Vec3::new(n.x, n.y, dot(n, d));
+    let highest = dot(up, a).max_num(dot(up, b)).max_num(dot(up, c));
+    let m = unit(cross(b - a, c - a));
+    let normal = Vec3::new(m.x, m.y, (m.z - m.x * d.x - m.y * d.y) * ray.shear.z);
+    let length = sqrt(dot(normal, normal));
+    let turn = cross(normal, n);
+    let is_parallel = dot(turn, turn) <= MOST_TURN * MOST_TURN * (length * length);
+    highest <= error || is_parallel && t * m.z.abs() <= error * length
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hit::Hit;
     use crate::math::tests::Numbers;
 
     fn ray(origin: Vec3, towards: Vec3) -> TraversalRay {
@@ -94,6 +183,66 @@ mod tests {
                 assert_eq!(hit.t, 1.0);
             }
         }
+    }
+
+    /// The same corners in every order: the same distance to the bit, and each corner its weight.
+    #[test]
+    fn order_of_the_corners_does_not_tell() {
+        let mut numbers = Numbers::new(5);
+        for _ in 0..20_000 {
+            let p = [numbers.vec3(), numbers.vec3(), numbers.vec3()];
+            let (b, c) = (0.5 * numbers.unit(), 0.5 * numbers.unit());
+            let ray = ray(numbers.vec3() * 4.0, p[0] + (p[1] - p[0]) * b + (p[2] - p[0]) * c);
+            let hit = intersect(&ray, p[0], p[1], p[2], 100.0);
+            let weights = [1.0 - hit.b1 - hit.b2, hit.b1, hit.b2];
+            for [i, j, k] in [[0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+                let other = intersect(&ray, p[i], p[j], p[k], 100.0);
+                assert_eq!(hit.t.to_bits(), other.t.to_bits(), "{ray:?} {p:?}");
+                if hit.t.is_finite() {
+                    // The first weight is what the others leave of 1, three roundings.
+                    assert!((other.b1 - weights[j]).abs() <= 4.0 * UNIT_ROUNDOFF);
+                    assert!((other.b2 - weights[k]).abs() <= 4.0 * UNIT_ROUNDOFF);
+                }
+            }
+        }
+    }
+
+    /// What is in the plane that a ray leaves, or behind it, is not hit, though t may come out above 0; what rises from
+    /// it at its edge is, however near.
+    #[test]
+    fn ray_leaves_its_plane_and_nothing_else() {
+        let mut numbers = Numbers::new(6);
+        let (mut grazed, mut met) = (0, 0);
+        for round in 0..200_000 {
+            let scale = [1e-6, 1.0, 1e6][round % 3];
+            // A frame, and a huge triangle around the start in its first plane. Its corners are rounded.
+            let x = numbers.vec3().normalize();
+            let n = x.any_orthogonal_vector().normalize();
+            let y = n.cross(x);
+            let at = numbers.vec3() * scale;
+            let size = scale * [0.1, 1.0, 100.0][round / 3 % 3];
+            let [a, b, c] = [(-1.0, -1.1), (1.2, -0.9), (0.1, 1.0)].map(|(u, v)| at + (x * u + y * v) * size);
+            let to = numbers.vec3();
+            let to = (to.reject_from(n) + n * (to.dot(n).abs() + 0.01)).normalize();
+            let left = Hit { primitive: 7, ..Hit::NONE };
+            let ray = TraversalRay::new(at, to, f32::INFINITY);
+            grazed += usize::from(intersect(&ray, a, b, c, f32::INFINITY).t.is_finite());
+            assert_eq!(
+                intersect(&ray.leaving(left, n), a, b, c, f32::INFINITY),
+                TriangleHit::NONE,
+                "{ray:?}"
+            );
+            // A wall of the same size, at right angles to the plane, a thousandth of it away.
+            let foot = at + to.reject_from(n).normalize() * (1e-3 * size);
+            let along = n.cross(to).normalize();
+            let (d, e) = (foot - along * size - n * size, foot + along * size - n * size);
+            let wall = [d, e, foot + n * (3.0 * size)];
+            let hit = intersect(&ray, wall[0], wall[1], wall[2], f32::INFINITY);
+            let again = intersect(&ray.leaving(left, n), wall[0], wall[1], wall[2], f32::INFINITY);
+            met += usize::from(again.t.is_finite());
+            assert_eq!(hit, again, "{ray:?}");
+        }
+        assert!(grazed > 20_000 && met > 50_000, "{grazed} {met}");
     }
 
     /// Rays aimed at the edges and at the centre of a fan must hit some triangle of it.

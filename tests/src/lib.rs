@@ -12,6 +12,7 @@ pub mod long;
 pub mod meshes;
 mod numbers;
 pub mod oracle;
+pub mod planes;
 mod rays;
 pub mod scenes;
 pub mod views;

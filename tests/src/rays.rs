@@ -447,6 +447,7 @@ fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
     let Intersection { point, point_error, normal, u, v, .. } = *hit;
     let surface = SurfaceInteraction {
         point,
+        inner_point: point,
         point_error,
         ng: normal,
         ns: normal,

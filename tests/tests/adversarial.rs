@@ -1,20 +1,24 @@
 //! Rays, meshes and maps that have every reason to go wrong: the quadtree against brute force, which shares the surface
-//! and the triangle test with it and nothing else, bit for bit; and against the surface in f64.
+//! and the triangle test with it and nothing else, bit for bit; and against the surface in f64. Planes that lie in one
+//! another, and closed rooms.
 
 use emboss::backend::Backend;
 use emboss::backend::cpu::CpuBackend;
 use emboss::render::Scene;
-use emboss::scene::Mesh;
-use emboss::settings::{DisplacementKind, Normals, Settings, Weld, Wrap};
+use emboss::scene::{HeightMap, Mesh, Relief};
+use emboss::settings::{DisplacementKind, Method, Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::ray::TraversalRay;
 use emboss_kernels::scene::Features;
+use emboss_tests::compare::rendered;
+use emboss_tests::meshes::{self, Solid};
 use emboss_tests::oracle::Oracle;
-use emboss_tests::scenes::{ReadyJob, VECTORS, job, random_solid, with_vectors};
-use emboss_tests::{HardRays, Hardship, Numbers};
-use glam::Vec3;
+use emboss_tests::planes::{self, Pair, Plane, Planes, Tally, assert_dark, assert_unshadowed};
+use emboss_tests::scenes::{self, ReadyJob, VECTORS, WildMap, job, random_solid, with_vectors};
+use emboss_tests::{HardRays, Hardship, Numbers, RaySource};
+use glam::{Vec3, Vec4};
 
 /// What is wrong with a mesh. All of it is fed to the kernels as it is: a mesh out of a file has no
 /// coincident corners, and zero normals only at slivers that touch no triangle with an area.
@@ -265,4 +269,168 @@ fn judge_hard_rays(displacement: DisplacementKind, seeds: u64) {
         }
     }
     assert!(4 * sure > rays, "{sure} hits are sure of {rays} rays");
+}
+
+const SCALES: [f64; 3] = [1e-6, 1.0, 1e6];
+/// Distances from the origin, in extents.
+const OFFSETS: [f64; 4] = [0.0, 1.0, 1e2, 1e5];
+
+/// Every plane with everything that lies in it, by every method: shadows change nothing. Scales, offsets and N go
+/// round.
+fn assert_planes_are_unshadowed(pairs: &[Pair]) {
+    let (mut backend, mut tally, mut turn) = (CpuBackend::new(), Tally::default(), 0);
+    for plane in Plane::ALL {
+        for &pair in pairs {
+            for method in planes::methods() {
+                if pair.is_of_instances() && method.is_stored() {
+                    continue;
+                }
+                let (scale, offset) = (SCALES[turn % 3], OFFSETS[turn / 3 % 4]);
+                let subdivisions = [1, 7][turn / 12 % 2];
+                turn += 1;
+                let planes = Planes { plane, pair, scale, offset };
+                assert_unshadowed(&mut backend, &planes, method, subdivisions, (16, 12), 1, &mut tally);
+            }
+        }
+    }
+    assert!(tally.shadow_rays > 100 * tally.pictures, "{tally:?}");
+}
+
+#[test]
+fn planes_cast_no_shadow_on_themselves() {
+    assert_planes_are_unshadowed(&[Pair::Alone, Pair::Neighbours, Pair::Decal]);
+}
+
+#[test]
+fn coincident_faces_cast_no_shadow_on_one_another() {
+    assert_planes_are_unshadowed(&[Pair::Same, Pair::Reversed, Pair::Back]);
+    assert_planes_are_unshadowed(&[Pair::OtherDiagonal, Pair::BackOtherDiagonal]);
+}
+
+#[test]
+fn coincident_models_and_instances_cast_no_shadow_on_one_another() {
+    assert_planes_are_unshadowed(&[Pair::Models, Pair::Instances, Pair::InstanceAndModel]);
+}
+
+/// Solids whose faces meet at right angles, at any, and hardly; flat, rough and spiky; at scales and places that go
+/// round.
+fn solids() -> [(&'static str, Solid); 4] {
+    [
+        ("cube", meshes::cube()),
+        ("sphere", meshes::icosphere(2)),
+        ("knot", meshes::knot()),
+        ("solid of genus three", meshes::genus_three(1)),
+    ]
+}
+
+#[test]
+fn closed_rooms_are_dark() {
+    let (mut backend, mut tally, mut turn) = (CpuBackend::new(), Tally::default(), 0);
+    for (name, solid) in solids() {
+        for relief in [(WildMap::Single, 0.0), (WildMap::Noise, 0.3), (WildMap::Spikes, 0.5)] {
+            for subdivisions in [1, 6] {
+                // Where a relief is rough, no farther than its crevices are wider than rounding.
+                let most = if relief.1 > 0.0 { 1.0 } else { 1e2 };
+                let (scale, offset) = (SCALES[turn % 3], OFFSETS[turn % 4].min(most));
+                turn += 1;
+                let what = format!("{name}, scale {scale}, {offset} extents away");
+                let placed = solid.placed(scale, offset);
+                let room = (what.as_str(), &placed);
+                assert_dark(&mut backend, room, relief, subdivisions, (32, 32), 2, &mut tally);
+            }
+        }
+    }
+    assert!(tally.shadow_rays > 100_000, "{tally:?}");
+}
+
+/// A camera far away, through whose pixels rays pass within rounding of edges along the axes, where the boxes of two
+/// squares end: rays from ten thousand sides away meet a sheet of squares everywhere.
+#[test]
+fn sheet_seen_from_afar_has_no_holes() {
+    let sheet = scenes::tiles();
+    let middle = Vec3::new(2.0, 2.0, 0.0);
+    for method in [Method::None, Method::Quadtree, Method::Tessellate, Method::BruteForce] {
+        let settings = Settings { method, width: 1, height: 1, ..Settings::default() };
+        let job = job(scenes::scaled(sheet.clone(), 0.0), &settings);
+        let mut numbers = Numbers::new(12);
+        let rays: Vec<Ray> = (0..4000)
+            .map(|_| {
+                let origin = middle + (Vec3::Z * 0.4 + numbers.in_cube() * 0.2).normalize() * 4e4;
+                // Within rounding of an edge along x or y, within a thousandth of a side of it.
+                let on_edge = 1.0 + numbers.below(3) as f32 + numbers.between(-2e-3, 2e-3);
+                let along = numbers.between(0.1, 3.9);
+                let (x, y) = if numbers.unit() < 0.5 { (on_edge, along) } else { (along, on_edge) };
+                let direction = Vec3::new(x, y, 0.0) - origin;
+                Ray { origin, t_max: f32::INFINITY, direction, padding: 0 }
+            })
+            .collect();
+        let mut backend = CpuBackend::new();
+        backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
+        let hits = backend.trace_rays(&rays).expect("the CPU does not fail");
+        let missed = hits.iter().filter(|hit| hit.primitive == MISS).count();
+        assert_eq!(missed, 0, "{method}");
+    }
+}
+
+/// Of faces with the same corners, however these are ordered, the first is seen: by every exact method, from both sides
+/// and with every tree, since their distances are the same to the bit.
+#[test]
+fn first_of_coincident_faces_is_seen() {
+    let pairs = Pair::ALL.into_iter().filter(|pair| pair.has_the_same_corners());
+    for (turn, pair) in pairs.enumerate() {
+        for (i, plane) in Plane::ALL.into_iter().enumerate() {
+            let planes = Planes { plane, pair, scale: SCALES[i % 3], offset: OFFSETS[(i + turn) % 3] };
+            for method in [Method::None, Method::Quadtree, Method::BruteForce] {
+                let job = planes.job(method, planes::level(), 5, (1, 1), true);
+                let mut source = RaySource::new(&job, turn as u64);
+                let rays: Vec<Ray> = (0..300).map(|_| source.from_outside()).collect();
+                let found = traced(&job, job.features.method, &rays);
+                let hits = found.iter().filter(|hit| hit.primitive != MISS);
+                assert!(hits.clone().count() > 30, "{planes:?}");
+                let others = hits.filter(|hit| hit.primitive >= 2 || hit.instance > 0).count();
+                assert_eq!(others, 0, "{planes:?} by {method}");
+            }
+        }
+    }
+}
+
+/// A leaf: a front and a back, displaced away from each other by a relief that is 0 in places. From in front it looks as
+/// its front alone does, however the places where both are one are come upon.
+#[test]
+fn back_of_a_leaf_does_not_shadow_its_front() {
+    // Veins in both directions: flat in between, and contact along curves. Flat at the border, where one could look
+    // between the two.
+    let texel = |i: u32| {
+        let (x, y) = ((i % 16) as f32, (i / 16) as f32);
+        let inside = (2.0..14.0).contains(&x) && (2.0..14.0).contains(&y);
+        if inside { (1.0 - (x - 5.0).abs() / 3.0).max(1.0 - (y - 9.0).abs() / 2.0).max(0.0) } else { 0.0 }
+    };
+    let texels: Vec<u32> = (0..256).map(|i| texel(i).to_bits()).collect();
+    let map = HeightMap {
+        width: 16,
+        height: 16,
+        format: height_format::FLOAT32,
+        texels,
+        range: (0.0, 1.0),
+        replaced: 0,
+    };
+    let mut backend = CpuBackend::new();
+    for (turn, plane) in Plane::ALL.into_iter().enumerate() {
+        for pair in [Pair::Back, Pair::BackOtherDiagonal] {
+            for height in [1e-3, 0.2] {
+                let scale = SCALES[turn % 3];
+                #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
+                let relief = Relief::new(map.clone(), 0.0, (height * scale) as f32);
+                let [leaf, front] = [pair, Pair::Alone].map(|pair| {
+                    let planes = Planes { plane, pair, scale, offset: OFFSETS[turn % 3] };
+                    let job = planes.job(Method::Quadtree, relief.clone(), 16, (80, 60), true);
+                    rendered(&mut backend, &job, 2)
+                });
+                // A sample in a wrong shadow loses at least a hundredth of its light, half a hundredth of a pixel's.
+                let differs = |(a, b): (&Vec4, &Vec4)| (a - b).abs().max_element() > 2e-3 * b.max_element();
+                let wrong = leaf.pixels.iter().zip(&front.pixels).filter(|&pair| differs(pair)).count();
+                assert_eq!(wrong, 0, "{plane:?}, {pair:?}, height {height}");
+            }
+        }
+    }
 }

@@ -186,6 +186,7 @@ fn leaving_outwards(job: &ReadyJob, seed: u64, count: usize) -> Vec<(Intersectio
 /// that it leaves.
 fn hit_again(job: &ReadyJob, method: u32, left: &Intersection, ray: &Ray) -> Hit {
     let scene = job.view();
+    let normal = left.normal;
     let left = Hit {
         t: left.t,
         primitive: left.primitive,
@@ -194,7 +195,8 @@ fn hit_again(job: &ReadyJob, method: u32, left: &Intersection, ray: &Ray) -> Hit
         b2: left.b2,
         instance: left.instance,
     };
-    let ray = TraversalRay::new(ray.origin, ray.direction, ray.t_max).leaving(left);
+    let side = normal * normal.dot(ray.direction).signum();
+    let ray = TraversalRay::new(ray.origin, ray.direction, ray.t_max).leaving(left, side);
     let features = Features { method, ..job.features };
     traverse(&scene, features, &ray, Query::Nearest, &mut Counts::default())
 }

@@ -142,9 +142,9 @@ fn equal_instances_part_by_their_numbers() {
         };
         let first = nearest(&ray);
         if first.is_some() {
-            assert_eq!(nearest(&ray.leaving(first)), Hit { instance: 1, ..first });
+            assert_eq!(nearest(&blind_to(first, ray)), Hit { instance: 1, ..first });
             let second = Hit { instance: 1, ..first };
-            assert_eq!(nearest(&ray.leaving(second)), first);
+            assert_eq!(nearest(&blind_to(second, ray)), first);
         }
     }
 }
@@ -238,7 +238,8 @@ fn rays_that_leave_instances_do_not_meet_what_they_leave() {
             left += 1;
             let Intersection { t, primitive, cell, b1, b2, instance, .. } = *hit;
             let (ray, _) = TraversalRay::from_ray(ray);
-            let ray = ray.leaving(Hit { t, primitive, cell, b1, b2, instance });
+            let side = (in_world * sine.signum()).as_vec3();
+            let ray = ray.leaving(Hit { t, primitive, cell, b1, b2, instance }, side);
             let second = traverse(&job.view(), job.features, &ray, Query::Nearest, &mut Counts::default());
             if second.is_some() {
                 seconds += 1;
@@ -252,6 +253,11 @@ fn rays_that_leave_instances_do_not_meet_what_they_leave() {
         }
     }
     assert!(left > 40_000 && seconds > 10_000, "{left} rays, {seconds} hit again");
+}
+
+/// The ray blind to a micro-triangle, but to no plane.
+fn blind_to(hit: Hit, ray: TraversalRay) -> TraversalRay {
+    TraversalRay { left_primitive: hit.primitive, left_cell: hit.cell, left_instance: hit.instance, ..ray }
 }
 
 /// Instances look as copies of the mesh in their places, whose heights are scaled with them: turned, mirrored, and one

@@ -74,7 +74,9 @@ fn leave(job: &ReadyJob, hit: &Intersection, ray: &Ray, tally: &mut Tally) {
     tally.rays += 1;
     let (ray, _) = TraversalRay::from_ray(*ray);
     let view = job.view();
-    let second = traverse(&view, job.features, &ray.leaving(left), Query::Nearest, &mut Counts::default());
+    let side = (normal.normalize() * sine.signum()).as_vec3();
+    let second =
+        traverse(&view, job.features, &ray.leaving(left, side), Query::Nearest, &mut Counts::default());
     if !second.is_some() {
         return;
     }

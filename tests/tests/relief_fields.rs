@@ -45,9 +45,11 @@ fn assert_same_hits(exact: &ReadyJob, other: &ReadyJob, seed: u64, of_each: usiz
     let mut numbers = Numbers::new(seed);
     let (exact_view, other_view) = (exact.view(), other.view());
     for hit in hits {
-        // As shadow rays: from the point itself, which only the micro-triangle that is left keeps from being hit.
+        // As shadow rays, but from the point itself: only what is left keeps them from hitting it.
         let left = Hit { primitive: hit.primitive, cell: hit.cell, ..Hit::NONE };
-        let ray = TraversalRay::new(hit.point, numbers.direction(), f32::INFINITY).leaving(left);
+        let direction = numbers.direction();
+        let side = hit.normal * hit.normal.dot(direction).signum();
+        let ray = TraversalRay::new(hit.point, direction, f32::INFINITY).leaving(left, side);
         let [nearest, found] = [(exact_view, exact.features), (other_view, other.features)]
             .map(|(view, features)| traverse(&view, features, &ray, Query::Nearest, &mut Counts::default()));
         assert_eq!(nearest, found, "N = {n}, leaving: {ray:?}");

@@ -358,7 +358,7 @@ mod tests {
             let normal = cross(a - point, b - point).normalize();
             let up = numbers.vec3();
             let up = (up + normal * (0.3 - up.dot(normal).min(0.0))).normalize();
-            let ray = TraversalRay::new(point, up, 10.0).leaving(hit);
+            let ray = TraversalRay::new(point, up, 10.0).leaving(hit, normal);
             let found = intersect(&field, &base, &ray, Hit::NONE, &mut Counts::default());
             assert!(!found.is_some(), "{found:?}");
         }

@@ -1,6 +1,6 @@
 //! The micro-triangle surface: what every method intersects.
 
-use crate::aabb::Aabb;
+use crate::aabb::{Aabb, BOX_MARGIN};
 use crate::barycentric::{exact_weight, grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
@@ -647,7 +647,8 @@ impl BaseTriangle {
     /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
     /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
     /// the greatest height (directions are no longer than unit vectors). Seams add the hulls of four points each, or
-    /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex.
+    /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex, and by
+    /// [`BOX_MARGIN`].
     pub fn bounds(&self, field: &HeightField<'_>) -> Aabb {
         let reach = self.height_min.abs().max_num(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
@@ -697,8 +698,9 @@ impl BaseTriangle {
             }
         }
         // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
-        // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all.
-        bounds.padded(28.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
+        // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all. The
+        // rest is what rays need.
+        bounds.padded((28.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + self.reach(field)))
     }
 
     /// A box that holds the base triangle itself, padded as [`bounds`](Self::bounds) are.
@@ -706,7 +708,7 @@ impl BaseTriangle {
     pub fn flat_bounds(&self) -> Aabb {
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         let magnitude = max_abs(self.p0).max_num(max_abs(self.p1)).max_num(max_abs(self.p2));
-        flat.padded(28.0 * UNIT_ROUNDOFF * magnitude)
+        flat.padded((28.0 * UNIT_ROUNDOFF + BOX_MARGIN) * magnitude)
     }
 
     /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its
@@ -714,7 +716,7 @@ impl BaseTriangle {
     fn vector_bounds(&self, field: &HeightField<'_>, flat: Aabb, magnitude: f32) -> Aabb {
         let reach = self.reach(field);
         // Two more fused operations than heights take; the mean of a seam's sides is in its bound.
-        let error = 32.0 * UNIT_ROUNDOFF * (magnitude + reach);
+        let error = (32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + reach);
         let grown = flat.padded(reach + error);
         // Levels change heights by what depends on the view, which boxes do not.
         if field.is_filtered() {
@@ -772,7 +774,7 @@ pub(crate) fn intersect_micro_triangle(
     nearest: Hit,
 ) -> Hit {
     let packed = cell.pack();
-    let hit = triangle::intersect_sheared(a, b, c, ray.t_max);
+    let hit = triangle::intersect_sheared(ray, a, b, c, ray.t_max);
     let left = primitive == ray.left_primitive && packed == ray.left_cell;
     if left || !hit.t.is_finite() {
         return nearest;
