@@ -1,6 +1,6 @@
 //! The watertight ray/triangle test.
 
-use crate::math::difference_of_products;
+use crate::math::{difference_of_products, resolve_sign};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -24,8 +24,9 @@ impl TriangleHit {
 ///
 /// Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: the edge functions are signs of
 /// sheared 2-D determinants, which both triangles at an edge compute from the same bits with opposite roles, so
-/// that no ray passes between them. Where the paper falls back to doubles, [`difference_of_products`] has the
-/// exact sign already. A triangle seen edge-on or of zero area is missed. `t` carries a relative error of at most
+/// that no ray passes between them. Where the paper falls back to doubles, [`resolve_sign`] tells the sign exactly, on
+/// devices whose `Fma` rounds twice too, for the range of [`difference_of_products`] (below it signs are still
+/// opposite). A triangle seen edge-on or of zero area is missed. `t` carries a relative error of at most
 /// gamma(12) of the greatest vertex depth.
 #[inline]
 pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -> TriangleHit {
@@ -35,9 +36,15 @@ pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -
 /// [`intersect`] with vertices that are [sheared](TraversalRay::shear_point) already.
 #[inline]
 pub fn intersect_sheared(a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
-    let e0 = difference_of_products(c.x, b.y, c.y, b.x);
-    let e1 = difference_of_products(a.x, c.y, a.y, c.x);
-    let e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    let mut e0 = difference_of_products(c.x, b.y, c.y, b.x);
+    let mut e1 = difference_of_products(a.x, c.y, a.y, c.x);
+    let mut e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    // Few rays come so near to an edge: a branch for all three, so that others pay for no more than the question.
+    if e0 == 0.0 || e1 == 0.0 || e2 == 0.0 {
+        e0 = resolve_sign(e0, c.x, b.y, c.y, b.x);
+        e1 = resolve_sign(e1, a.x, c.y, a.y, c.x);
+        e2 = resolve_sign(e2, b.x, a.y, b.y, a.x);
+    }
     let any_negative = e0 < 0.0 || e1 < 0.0 || e2 < 0.0;
     let any_positive = e0 > 0.0 || e1 > 0.0 || e2 > 0.0;
     let det = e0 + e1 + e2;
