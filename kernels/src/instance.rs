@@ -18,8 +18,8 @@ use glam::Vec3;
 /// coordinate of its origin, of the instance's box and of the instance's translation.
 ///
 /// The origin in object space is off by 6 u (|O||o| + |T'|): four products and sums, fused or not. The direction is by
-/// 16 u |O||d|: products and sums (6 u), then a quotient (5 u, Vulkan's; by what length it is divided changes no line, and
-/// distances are taken back by the same). In the world, times
+/// 16 u |O||d|: products and sums (6 u), then a quotient (5 u, Vulkan's; by what length it is divided changes no line,
+/// and distances are taken back by the same). In the world, times
 /// |W|, that is 6 u s |o| and 16 u s t, s = [`MOST_SHEAR`](Instance::MOST_SHEAR), t the distance of what is hit, at
 /// most sqrt(3) (|o| + |box|): 34 u s = 136 u in all. What is left covers the rounding of t (4 u), of the products here
 /// and of the ray/triangle test, 6 u of the distance.

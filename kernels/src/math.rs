@@ -16,11 +16,11 @@ pub const fn gamma(n: u32) -> f32 {
     nu / (1.0 - nu)
 }
 
-/// `a * b + c`, rounded once where the device fuses. On SPIR-V the explicit `Fma` instruction, which Vulkan allows to be
-/// computed as a product and a sum (lavapipe does); a device does the one or the other throughout, which
-/// `emboss devices --check` measures. No other product and sum are ever fused: the build decorates them with
-/// `NoContraction`. On the CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs
-/// no FMA unit and differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
+/// `a * b + c`, rounded once where the device fuses. On SPIR-V the explicit `Fma` instruction, which Vulkan allows to
+/// be computed as a product and a sum (lavapipe does); a device does the one or the other throughout, which `emboss
+/// devices --check` measures. No other product and sum are ever fused: the build decorates them with `NoContraction`.
+/// On the CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
+/// differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
 #[inline]
 pub fn fma(a: f32, b: f32, c: f32) -> f32 {
     #[cfg(not(target_arch = "spirv"))]
@@ -86,8 +86,8 @@ fn upper_half(x: f32) -> f32 {
     shifted - (shifted - x)
 }
 
-/// `a * b - c * d`, which [`difference_of_products`] found to be `difference`, with the exact sign on every device: where
-/// that is 0, what rounding took from the products tells. For the same range.
+/// `a * b - c * d`, which [`difference_of_products`] found to be `difference`, with the exact sign on every device:
+/// where that is 0, what rounding took from the products tells. For the same range.
 #[inline]
 pub fn resolve_sign(difference: f32, a: f32, b: f32, c: f32, d: f32) -> f32 {
     if difference == 0.0 { rounding_of_product(a, b) - rounding_of_product(c, d) } else { difference }
@@ -145,9 +145,9 @@ impl Sum {
     }
 }
 
-/// Square root; NaN below zero. Its error counts as 9 u wherever errors are bounded, u the unit roundoff: Vulkan takes it
-/// for 1 / inversesqrt(x), of which it allows 2 ulp and 2.5 ulp (Vulkan 1.3, "Precision and Operation of SPIR-V
-/// Instructions"). Of a length the dot product adds 2.5 u.
+/// Square root; NaN below zero. Its error counts as 9 u wherever errors are bounded, u the unit roundoff: Vulkan takes
+/// it for 1 / inversesqrt(x), of which it allows 2 ulp and 2.5 ulp (Vulkan 1.3, "Precision and Operation of SPIR-V
+/// Instructions"). A length has half of a dot product's 3 u besides.
 #[inline]
 pub fn sqrt(x: f32) -> f32 {
     x.sqrt()
@@ -291,8 +291,8 @@ pub fn max_abs(v: Vec3) -> f32 {
     v.x.abs().max_num(v.y.abs()).max_num(v.z.abs())
 }
 
-/// `x` from `low` to `high`, and `low` for NaN: on every device, where `f32::clamp` and a minimum of a maximum give NaN or
-/// either bound. Comparisons with NaN are false everywhere, so that the first one is negated.
+/// `x` from `low` to `high`, and `low` for NaN: on every device, where `f32::clamp` and a minimum of a maximum give NaN
+/// or either bound. Comparisons with NaN are false everywhere, so that the first one is negated.
 #[inline]
 pub fn clamp(x: f32, low: f32, high: f32) -> f32 {
     if !(x > low) {
@@ -310,12 +310,12 @@ fn power_of_two(k: i32) -> f32 {
     f32::from_bits(((127 + k) as u32) << 23)
 }
 
-/// `x * 2^k` for k from -252 to 254: exactly, unless the result is beyond what a float holds, or denormal, which devices
-/// may take for 0. A denormal `x` is not taken for it.
+/// `x * 2^k` for k from -252 to 254: exactly, unless the result is beyond what a float holds, or denormal, which
+/// devices may take for 0. A denormal `x` is not taken for it.
 #[inline]
 pub fn times_power_of_two(x: f32, k: i32) -> f32 {
     let bits = x.to_bits();
-    // A denormal number is so many times 2^-149. Of those far below all floats it does not matter how far.
+    // A denormal number is so many times 2^-149. How far below all floats a result lies does not matter.
     let is_denormal = bits & 0x7f80_0000 == 0;
     let k = if is_denormal { (k - 149).max(-252) } else { k };
     let count = (bits & 0x7f_ffff) as f32;
@@ -331,8 +331,8 @@ pub fn times_power_of_two(x: f32, k: i32) -> f32 {
 }
 
 /// `v` times 2^-k, and k, such that its greatest component is from 1 to 2 in magnitude: whatever its length, so that
-/// neither its square nor a quotient by its length is out of a float's range. By the bits, since devices may take denormal
-/// components for 0. Zero as it is; of a vector that is not finite nothing is promised.
+/// neither its square nor a quotient by its length is out of a float's range. By the bits, since devices may take
+/// denormal components for 0. Zero as it is; of a vector that is not finite nothing is promised.
 #[inline]
 pub fn to_size(v: Vec3) -> (Vec3, i32) {
     let magnitude = |x: f32| x.to_bits() & 0x7fff_ffff;
@@ -361,8 +361,8 @@ pub fn sum_abs(v: Vec3) -> f32 {
     v.x.abs() + v.y.abs() + v.z.abs()
 }
 
-/// The least number above a finite `x` that is 0 or not denormal: since devices may take denormal numbers for 0, a denormal
-/// `x` counts as 0, and what is next to 0 is 2^-126. The next float of all others.
+/// The least number above a finite `x` that is 0 or not denormal: since devices may take denormal numbers for 0, a
+/// denormal `x` counts as 0, and what is next to 0 is 2^-126. The next float of all others.
 #[inline]
 pub fn next_up(x: f32) -> f32 {
     let bits = x.to_bits();

@@ -32,17 +32,17 @@ pub const TRIANGLE: u32 = 4;
 pub const BILINEAR_PATCH: u32 = 5;
 /// [`Cell::containing`] and its way back: beta, gamma, N to the packed cell and the grid point of its first vertex.
 pub const CELL: u32 = 6;
-/// [`fma`], [`difference_of_products`] and [`resolve_sign`]: a, b, c, d to fma(a, b, c), a b - c d, and that with its sign
-/// resolved.
+/// [`fma`], [`difference_of_products`] and [`resolve_sign`]: a, b, c, d to fma(a, b, c), a b - c d, and that with its
+/// sign resolved.
 pub const ARITHMETIC: u32 = 7;
-/// Sums of plain products: a, b, c, d to a b + c, d - a c. Neither product has another use, for which a driver might leave
-/// it alone.
+/// Sums of plain products: a, b, c, d to a b + c, d - a c. Neither product has another use, for which a driver might
+/// leave it alone.
 pub const CONTRACTION: u32 = 8;
 /// Operations one by one: a, b to a + b, a b, a / b, the root of |a|, [`rounding_of_product`], the floor of a.
 pub const OPERATIONS: u32 = 9;
-/// Minima, maxima and comparisons of what may be NaN: x, low, high to min(x, high), min(high, x), max(x, low),
-/// max(low, x), [`clamp`] between them, [`clamp`] between 0 and 1, and a word with bit 0 for x < high, 1 for x >= high, 2
-/// for !(x > low), 3 for x is NaN.
+/// Minima, maxima and comparisons of what may be NaN: x, low, high to min(x, high), min(high, x), max(x, low), max(low,
+/// x), [`clamp`] between them, [`clamp`] between 0 and 1, and a word with bit 0 for x < high, 1 for x >= high, 2 for
+/// !(x > low), 3 for x is NaN.
 pub const NAN: u32 = 10;
 /// A loop: n, seed to the word that n turns of [`turned`] make of the seed.
 pub const LOOP: u32 = 11;

@@ -3,6 +3,7 @@
 
 use emboss::backend::Backend;
 use emboss::backend::vulkan::VulkanBackend;
+use emboss::render::Scene;
 use emboss::settings::Settings;
 use emboss_kernels::displacement::cell::Cell;
 use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
@@ -19,7 +20,7 @@ const U: f64 = UNIT_ROUNDOFF as f64;
 const IN: usize = probe::IN_STRIDE as usize;
 const OUT: usize = probe::OUT_STRIDE as usize;
 
-/// What a kernel makes of items of so many floats.
+/// The outputs of a kernel for items of so many floats.
 fn probed<const N: usize>(backend: &mut VulkanBackend, kernel: u32, items: &[[f32; N]]) -> Vec<[u32; OUT]> {
     let mut words = vec![0; items.len() * IN];
     for (padded, item) in words.chunks_exact_mut(IN).zip(items) {
@@ -113,18 +114,18 @@ fn nan_is_told_before_arithmetic() {
     });
 }
 
-/// Rays of zero and denormal components, and such of all lengths: the quadtree and brute force find the same to the bit, and
-/// the oracle accepts it.
+/// Rays of zero and denormal components, and such of all lengths: the quadtree and brute force find the same to the
+/// bit, and the oracle accepts it.
 #[test]
 fn rays_of_extreme_directions_hit_what_is_there() {
     on_device(|backend| {
         let count = rays(400, 20_000);
         let (mut all, mut hits) = (0, 0);
-        for seed in 0..4 {
+        let formats =
+            [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32, height_format::UNORM8];
+        for (seed, (format, subdivisions)) in (0..).zip(formats.into_iter().zip([1, 3, 8, 5])) {
             let mut numbers = Numbers::new(seed);
-            let formats = [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32];
-            let mut scene = random_solid(&mut numbers, formats[seed as usize % 3], 0.3);
-            scene.subdivisions = [1, 3, 8, 5][seed as usize];
+            let scene = Scene { subdivisions, ..random_solid(&mut numbers, format, 0.3) };
             let job = job(scene, &Settings { width: 1, height: 1, ..Settings::default() });
             let mut source = HardRays::new(&job, seed);
             let lengths = [1.0, f32::from_bits(1 << 22), 1e-38, 1e-30, 1e19, 1e38];
@@ -132,7 +133,7 @@ fn rays_of_extreme_directions_hit_what_is_there() {
                 .map(|i| {
                     let hardship = Hardship::ALL[if i % 2 == 0 { 9 } else { i / 2 % 10 }];
                     let ray = source.ray(hardship);
-                    // Of what is left of a direction the oracle is asked too.
+                    // The oracle is asked about the direction that is left, too.
                     let direction =
                         ray.direction / ray.direction.abs().max_element() * lengths[i % lengths.len()];
                     Ray { direction, ..ray }

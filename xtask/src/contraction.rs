@@ -1,7 +1,7 @@
 //! `NoContraction` on the arithmetic of modules: no driver may fuse a product with a sum.
 //!
 //! Without it a driver fuses what it likes: NVIDIA's fuses a product with a sum unless the product has another use, so
-//! that two pipelines with the same formula get different bits. What is to be fused the kernels say themselves, by
+//! that two pipelines with the same formula get different bits. Where a sum is to be fused kernels say so, by
 //! `Fma`.
 
 use crate::settings::DECORATION;
@@ -9,8 +9,8 @@ use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Op, Word};
 use std::collections::HashSet;
 
-/// Whether an instruction computes with floats such that a driver may combine it with another one. A quotient is one: by
-/// a constant it becomes a product.
+/// Whether an instruction computes with floats such that a driver may combine it with another one. A quotient is one:
+/// by a constant it becomes a product.
 pub fn is_arithmetic(op: Op) -> bool {
     matches!(
         op,

@@ -134,7 +134,7 @@ pub(crate) fn compile(compilation: Compilation) -> Result<()> {
     let result = builder.build().context("the kernels do not compile to SPIR-V")?;
     for (entry_point, made) in result.module.unwrap_multi() {
         let path = output.join(format!("{entry_point}.spv"));
-        let bytes = std::fs::read(&made).with_context(|| made.display().to_string())?;
+        let bytes = std::fs::read(made).with_context(|| made.display().to_string())?;
         std::fs::write(&path, without_contraction(&bytes)?).with_context(|| path.display().to_string())?;
     }
     Ok(())

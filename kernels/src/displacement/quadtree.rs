@@ -523,8 +523,8 @@ impl RayFrame {
 /// A unit vector at right angles to `z`, a ray's direction, in the plane of both: to 6 u of it, u the unit roundoff,
 /// however far from a right angle `v` is.
 ///
-/// Where `Fma` rounds twice a cross product of a ray with a normal that is all but parallel to it is anything: off by 10 u
-/// of both, more than all of it. What is taken here is a product (3 u of `v`) along `z`, whose length is 1 but for 16 u; a
+/// Where `Fma` rounds twice a cross product of a ray with a normal that is all but parallel to it is anything: off by
+/// 10 u of both, more than all of it. Here a product (3 u of `v`) is taken along `z`, whose length is 1 but for 16 u; a
 /// product with a reciprocal rounds each component once, where a quotient could turn the vector by 5 u.
 #[inline]
 fn upright(v: Vec3, z: Vec3) -> Vec3 {
@@ -611,9 +611,9 @@ impl Prism {
         let distance = t_origin.abs() + size;
         let moved = 10.0 * coordinate + 8.0 * distance + 2.0 * max_abs(origin);
         // A point of the bound is off by the frame's axes (6 u, not quite at right angles: see `upright`), their
-        // products (5 u), the linear function (6 u) and the lift (16 u: half of a dot product's 3 u, 9 u for the root and
-        // 5 u for the division), all of the prism's size. Lifts of caps and seams reach up to ten heights. Vectors have
-        // more, as counted there.
+        // products (5 u), the linear function (6 u) and the lift (16 u: half of a dot product's 3 u, 9 u for the root
+        // and 5 u for the division), all of the prism's size. Lifts of caps and seams reach up to ten heights. Vectors
+        // have more, as counted there.
         let (of_reach, of_coordinate) = if field.is_vector() {
             (vector_bounds::ROUNDINGS_OF_REACH, vector_bounds::ROUNDINGS_OF_COORDINATE)
         } else {

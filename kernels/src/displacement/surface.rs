@@ -688,8 +688,8 @@ impl BaseTriangle {
         }
         // Position and direction of a micro-vertex are interpolated: weights are off by 5 u (Vulkan's division) and
         // sums of three products by 3 u. Its lift is off by 16 u: half of a dot product's 3 u, 9 u for the root (see
-        // `sqrt`), 5 u for the division. A product and a sum put them together, and the corners of the hull too. That is
-        // 11 u of positions and 28 u of the reach, and a rounding here.
+        // `sqrt`), 5 u for the division. A product and a sum put them together, and the corners of the hull too. That
+        // is 11 u of positions and 28 u of the reach, and a rounding here.
         bounds.padded(32.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
     }
 

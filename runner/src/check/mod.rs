@@ -1,5 +1,5 @@
-//! Whether exactness holds on the device at hand: what `docs/EXACTNESS.md` assumes of floats and loops, measured on that
-//! device with that driver, then rays that must not leak and rays that must hit what they hit on the CPU.
+//! Whether exactness holds on the device at hand: what `docs/EXACTNESS.md` assumes of floats and loops, measured on
+//! that device with that driver, then rays that must not leak and rays that must hit what they hit on the CPU.
 //!
 //! It proves nothing that it does not look at; what it finds to be otherwise than assumed is certain.
 
@@ -11,7 +11,7 @@ use crate::backend::{Backend, BackendError};
 use crate::render::RenderError;
 use std::fmt;
 
-/// What keeps a device from being checked.
+/// Why a device could not be checked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckError {
@@ -23,7 +23,7 @@ pub enum CheckError {
     Render(#[from] RenderError),
 }
 
-/// What a finding means for exactness.
+/// The meaning of a finding for exactness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It is as the bounds on errors assume.
@@ -34,14 +34,14 @@ pub enum Verdict {
     Noted,
 }
 
-/// What was found out about one matter.
+/// A matter, as it was found to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// The matter, in a word.
     pub matter: &'static str,
     /// How it is on this device.
     pub found: String,
-    /// What that means.
+    /// Whether exactness holds with that.
     pub verdict: Verdict,
 }
 
@@ -78,7 +78,7 @@ impl fmt::Display for Finding {
 /// Checks the device of `backend`, which loses its scene. Takes seconds.
 ///
 /// # Errors
-/// Those of the device, which may be lost.
+/// Errors of the device, which may be lost.
 pub fn check(backend: &mut dyn Backend) -> Result<Vec<Finding>, CheckError> {
     let mut findings = floats::findings(backend)?;
     findings.extend(traces::findings(backend)?);

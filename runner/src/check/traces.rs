@@ -1,5 +1,5 @@
-//! Rays on a small built-in scene: from within a closed mesh, against the CPU, and by two methods that share no more than
-//! the surface and the triangle test.
+//! Rays on a small built-in scene: from within a closed mesh, against the CPU, and by two methods that share no more
+//! than the surface and the triangle test.
 
 use super::items::Numbers;
 use super::{CheckError, Finding};
@@ -23,9 +23,9 @@ const INSIDE: usize = 20_000;
 const AROUND: usize = 5_000;
 /// Rays that brute force traces too.
 const BY_BRUTE_FORCE: usize = 4_000;
-/// By how much rounding can move a ray relative to the surface, here and on the CPU: each moves micro-vertices by 28 u of
-/// their coordinates and height, which are at most 1.4, and vertices as seen along a ray by 10 u of the distance, which
-/// is at most 8.
+/// By how much rounding can move a ray relative to the surface, here and on the CPU: each moves micro-vertices by 28 u
+/// of their coordinates and height, which are at most 1.4, and vertices as seen along a ray by 10 u of the distance,
+/// which is at most 8.
 const MOVED: f32 = 2.0 * (28.0 * 1.4 + 10.0 * 8.0) * UNIT_ROUNDOFF;
 
 pub(super) fn findings(backend: &mut dyn Backend) -> Result<Vec<Finding>, CheckError> {
@@ -89,7 +89,7 @@ fn leaks(hits: &[Intersection]) -> Finding {
     Finding::test("leaks", found, leaking == 0)
 }
 
-/// What says which micro-triangle is hit.
+/// The micro-triangle that is hit.
 fn place(hit: &Intersection) -> (u32, u32) {
     if hit.primitive == MISS { (MISS, 0) } else { (hit.primitive, hit.cell) }
 }
@@ -106,7 +106,7 @@ fn parity(job: &mut Job, rays: &[Ray], hits: &[Intersection]) -> Result<Finding,
         } else if hit.primitive != MISS {
             // Both points are in the micro-triangle's plane, but for rounding.
             let apart = (hit.point - on_cpu.point).dot(on_cpu.normal).abs();
-            wrong += usize::from(!(apart <= MOVED));
+            wrong += usize::from(apart.is_nan() || apart > MOVED);
         }
     }
     let found = format!(

@@ -14,7 +14,7 @@ pub(super) struct DevicesArgs {
     /// holds as far as was looked, 1 where it does not.
     #[arg(long)]
     check: bool,
-    /// What to check
+    /// The backend to check
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto, requires = "check")]
     backend: BackendChoice,
     /// The Vulkan device to check, by its number or a part of its name
@@ -34,7 +34,7 @@ impl DevicesArgs {
         let mut backend = open_backend(self.backend, self.device.as_deref(), false)?;
         say(line(backend.device(), None));
         let findings = check(backend.as_mut())?;
-        findings.iter().for_each(|finding| say(finding));
+        findings.iter().for_each(say);
         if !findings.iter().any(Finding::fails) {
             say("Emboss is exact here, as far as this looked.");
             return Ok(());
@@ -43,7 +43,7 @@ impl DevicesArgs {
     }
 }
 
-/// What fails, and what to do.
+/// The matters that fail, and the remedy for each.
 fn failures(findings: &[Finding]) -> String {
     let failure = |finding: &Finding| match finding.verdict {
         Verdict::Fails(remedy) => Some(format!("\n  {} {}; {remedy}", finding.matter, finding.found)),

@@ -80,11 +80,7 @@ const RAYS_AT_A_TIME: usize = 1 << 18;
 /// Whether the environment lets drivers fuse products with sums, to measure what exactness costs: see
 /// [`Backend::let_contract`].
 fn contracts() -> bool {
-    let contracts = std::env::var_os("EMBOSS_CONTRACT").is_some_and(|value| value == "1");
-    if contracts {
-        tracing::warn!("EMBOSS_CONTRACT=1: the driver may fuse products with sums, so that nothing is exact");
-    }
-    contracts
+    std::env::var_os("EMBOSS_CONTRACT").is_some_and(|value| value == "1")
 }
 
 /// Which Vulkan device is wanted.
@@ -157,6 +153,11 @@ impl VulkanBackend {
         let resident = empty(&device, &commands, &mut transfers)?;
         let mut programs = Programs::default();
         programs.let_contract(contracts());
+        if contracts() {
+            tracing::warn!(
+                "EMBOSS_CONTRACT=1: the driver may fuse products with sums, so that nothing is exact"
+            );
+        }
         Ok(VulkanBackend {
             resident,
             programs,

@@ -36,8 +36,8 @@ pub fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, ParseState>
     Ok(module.assemble())
 }
 
-/// The module with nothing that keeps a driver from fusing a product with a sum: what is not exact, to measure what that
-/// costs and what drivers do.
+/// The module with nothing that keeps a driver from fusing a product with a sum: what is not exact, to measure what
+/// that costs and what drivers do.
 ///
 /// Fails where `words` is no SPIR-V module.
 pub fn let_contract(words: &[u32]) -> Result<Vec<u32>, ParseState> {
