@@ -18,7 +18,8 @@ use glam::Vec3;
 /// coordinate of its origin, of the instance's box and of the instance's translation.
 ///
 /// The origin in object space is off by 6 u (|O||o| + |T'|): four products and sums, fused or not. The direction is by
-/// 16 u |O||d|: products and sums, then two quotients of 5 u each (Vulkan's), which also scale it. In the world, times
+/// 16 u |O||d|: products and sums (6 u), then a quotient (5 u, Vulkan's; by what length it is divided changes no line,
+/// and distances are taken back by the same). In the world, times
 /// |W|, that is 6 u s |o| and 16 u s t, s = [`MOST_SHEAR`](Instance::MOST_SHEAR), t the distance of what is hit, at
 /// most sqrt(3) (|o| + |box|): 34 u s = 136 u in all. What is left covers the rounding of t (4 u), of the products here
 /// and of the ray/triangle test, 6 u of the distance.
@@ -88,7 +89,7 @@ impl Instance {
     /// distances there. `index` is the instance's own.
     #[inline]
     pub fn object_ray(&self, ray: &TraversalRay, t_max: f32, index: u32) -> (TraversalRay, f32) {
-        let (object_ray, length) = TraversalRay::from_ray(Ray {
+        let (object_ray, stretch) = TraversalRay::from_ray(Ray {
             origin: self.object_point(ray.origin),
             t_max,
             direction: self.object_vector(ray.direction),
@@ -102,7 +103,7 @@ impl Instance {
             left_normal = unit(self.object_normal(left_normal));
             left_reach = max_abs(point(&magnitudes(self.object_from_world), ray.origin.abs()));
         }
-        (TraversalRay { left_primitive, left_cell, left_normal, left_reach, ..object_ray }, length)
+        (TraversalRay { left_primitive, left_cell, left_normal, left_reach, ..object_ray }, stretch.length())
     }
 }
 

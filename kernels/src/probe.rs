@@ -8,8 +8,11 @@ use crate::aabb::Aabb;
 use crate::barycentric::grid_point;
 use crate::bilinear_patch::{BilinearPatch, PatchHit};
 use crate::displacement::cell::Cell;
-use crate::interface::Camera;
-use crate::math::{at, difference_of_products, fma, put};
+use crate::interface::{Camera, Ray};
+use crate::math::{
+    MinMax, at, clamp, difference_of_products, floor, fma, next_down, next_up, put, resolve_sign,
+    rounding_of_product, sqrt, unit,
+};
 use crate::ray::TraversalRay;
 use crate::sampler::{pcg4d, sample_2d};
 use crate::triangle;
@@ -29,10 +32,31 @@ pub const TRIANGLE: u32 = 4;
 pub const BILINEAR_PATCH: u32 = 5;
 /// [`Cell::containing`] and its way back: beta, gamma, N to the packed cell and the grid point of its first vertex.
 pub const CELL: u32 = 6;
-/// [`fma`] and [`difference_of_products`]: a, b, c, d to fma(a, b, c), a b - c d.
+/// [`fma`], [`difference_of_products`] and [`resolve_sign`]: a, b, c, d to fma(a, b, c), a b - c d, and that with its
+/// sign resolved.
 pub const ARITHMETIC: u32 = 7;
+/// Sums of plain products: a, b, c, d to a b + c, d - a c. Neither product has another use, for which a driver might
+/// leave it alone.
+pub const CONTRACTION: u32 = 8;
+/// Operations one by one: a, b to a + b, a b, a / b, the root of |a|, [`rounding_of_product`], the floor of a.
+pub const OPERATIONS: u32 = 9;
+/// Minima, maxima and comparisons of what may be NaN: x, low, high to min(x, high), min(high, x), max(x, low), max(low,
+/// x), [`clamp`] between them, [`clamp`] between 0 and 1, and a word with bit 0 for x < high, 1 for x >= high, 2 for
+/// !(x > low), 3 for x is NaN.
+pub const NAN: u32 = 10;
+/// A loop: n, seed to the word that n turns of [`turned`] make of the seed.
+pub const LOOP: u32 = 11;
+/// A read that may be beyond the buffer: an index to the word of the input there. For devices, which do not check it.
+pub const BEYOND: u32 = 12;
+/// Denormal numbers: x, 1, a, b to x 1, x + x, a b, 1 where x > 0 or else 0, x as it is.
+pub const DENORMALS: u32 = 13;
+/// [`TraversalRay::from_ray`] and [`next_up`]: direction, `t_max` to the unit direction, the distance at `t_max`, the
+/// parameter there, and the neighbours of the direction's x above and below.
+pub const DIRECTION: u32 = 14;
+/// [`unit`]: a vector to a unit vector.
+pub const UNIT: u32 = 15;
 /// How many kernels there are.
-pub const COUNT: u32 = 8;
+pub const COUNT: u32 = 16;
 /// Words of an item's input.
 pub const IN_STRIDE: u32 = 32;
 /// Words of an item's output.
@@ -90,8 +114,68 @@ pub fn run(kernel: u32, input: &[u32], output: &mut [u32], i: u32) {
             Vec2::new(float(input, a + 2), float(input, a + 3)),
         );
         put(output, b, fma(p.x, p.y, q.x).to_bits());
-        put(output, b + 1, difference_of_products(p.x, p.y, q.x, q.y).to_bits());
+        let difference = difference_of_products(p.x, p.y, q.x, q.y);
+        put(output, b + 1, difference.to_bits());
+        put(output, b + 2, resolve_sign(difference, p.x, p.y, q.x, q.y).to_bits());
+    } else if kernel == CONTRACTION {
+        let (p, q) = (vec3(input, a), float(input, a + 3));
+        put(output, b, (p.x * p.y + p.z).to_bits());
+        put(output, b + 1, (q - p.x * p.z).to_bits());
+    } else if kernel == OPERATIONS {
+        let (x, y) = (float(input, a), float(input, a + 1));
+        put(output, b, (x + y).to_bits());
+        put(output, b + 1, (x * y).to_bits());
+        put(output, b + 2, (x / y).to_bits());
+        put(output, b + 3, sqrt(x.abs()).to_bits());
+        put(output, b + 4, rounding_of_product(x, y).to_bits());
+        put(output, b + 5, floor(x).to_bits());
+    } else if kernel == NAN {
+        let (x, low, high) = (float(input, a), float(input, a + 1), float(input, a + 2));
+        put(output, b, x.min_num(high).to_bits());
+        put(output, b + 1, high.min_num(x).to_bits());
+        put(output, b + 2, x.max_num(low).to_bits());
+        put(output, b + 3, low.max_num(x).to_bits());
+        put(output, b + 4, clamp(x, low, high).to_bits());
+        put(output, b + 5, clamp(x, 0.0, 1.0).to_bits());
+        let comparisons = [x < high, x >= high, !(x > low), x.is_nan()];
+        let bit = |i: usize| (comparisons[i] as u32) << i;
+        put(output, b + 6, bit(0) | bit(1) | bit(2) | bit(3));
+    } else if kernel == LOOP {
+        let (n, mut word) = (at(input, a), at(input, a + 1));
+        let mut i = 0;
+        while i < n {
+            word = turned(word);
+            i += 1;
+        }
+        put(output, b, word);
+    } else if kernel == BEYOND {
+        put(output, b, at(input, at(input, a)));
+    } else if kernel == DENORMALS {
+        let (x, one) = (float(input, a), float(input, a + 1));
+        put(output, b, (x * one).to_bits());
+        put(output, b + 1, (x + x).to_bits());
+        put(output, b + 2, (float(input, a + 2) * float(input, a + 3)).to_bits());
+        put(output, b + 3, (x > 0.0) as u32);
+        put(output, b + 4, at(input, a));
+    } else if kernel == DIRECTION {
+        let (direction, t_max) = (vec3(input, a), float(input, a + 3));
+        let (ray, stretch) = TraversalRay::from_ray(Ray { origin: Vec3::ZERO, t_max, direction, padding: 0 });
+        put_vec3(output, b, ray.direction);
+        put(output, b + 3, ray.t_max.to_bits());
+        put(output, b + 4, stretch.parameter(ray.t_max).to_bits());
+        put(output, b + 5, next_up(direction.x).to_bits());
+        put(output, b + 6, next_down(direction.x).to_bits());
+    } else if kernel == UNIT {
+        put_vec3(output, b, unit(vec3(input, a)));
     }
+}
+
+/// The next word of a sequence in which none can be told without those before it: the linear congruential generator of
+/// Press, Teukolsky, Vetterling and Flannery, *Numerical Recipes*, 2nd ed., section 7.1, and a shift of its bits.
+#[inline]
+pub fn turned(word: u32) -> u32 {
+    let next = word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+    next ^ next >> 15
 }
 
 #[inline]

@@ -2,7 +2,7 @@
 
 use crate::hit::Hit;
 use crate::interface::{MISS, Ray};
-use crate::math::{fma, max_abs};
+use crate::math::{fma, max_abs, times_power_of_two, to_size};
 use glam::Vec3;
 
 /// A ray with what the box and triangle tests need computed once. Its direction is a unit vector, so that `t` is a
@@ -36,6 +36,35 @@ pub struct TraversalRay {
     pub left_reach: f32,
 }
 
+/// The length of a direction, from the least to the greatest that floats hold, and what it makes of a ray's parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct Stretch {
+    /// The length over 2^exponent: from 1 to the root of 12.
+    length: f32,
+    /// The exponent of the greatest component.
+    exponent: i32,
+}
+
+impl Stretch {
+    /// The distance at a parameter.
+    #[inline]
+    pub fn distance(self, t: f32) -> f32 {
+        times_power_of_two(t, self.exponent) * self.length
+    }
+
+    /// The parameter at a distance.
+    #[inline]
+    pub fn parameter(self, distance: f32) -> f32 {
+        times_power_of_two(distance / self.length, -self.exponent)
+    }
+
+    /// The length itself; infinite, or as small as 0, where a float does not hold it.
+    #[inline]
+    pub fn length(self) -> f32 {
+        self.distance(1.0)
+    }
+}
+
 impl TraversalRay {
     /// The ray from `origin` along the unit vector `direction`, up to the distance `t_max`.
     #[inline]
@@ -65,14 +94,12 @@ impl TraversalRay {
     }
 
     /// The same ray for `trace_rays`: normalised, with the length of the given direction, by which distances are
-    /// divided on the way back.
+    /// divided on the way back. The direction may have any length but 0: see [`to_size`].
     #[inline]
-    pub fn from_ray(ray: Ray) -> (Self, f32) {
-        // Scaled by the greatest component first, so that squares neither overflow nor vanish.
-        let scale = crate::math::max_abs(ray.direction);
-        let scaled = ray.direction / scale;
-        let length = scaled.length();
-        (Self::new(ray.origin, scaled / length, ray.t_max * (length * scale)), length * scale)
+    pub fn from_ray(ray: Ray) -> (Self, Stretch) {
+        let (scaled, exponent) = to_size(ray.direction);
+        let stretch = Stretch { length: scaled.length(), exponent };
+        (Self::new(ray.origin, scaled / stretch.length, stretch.distance(ray.t_max)), stretch)
     }
 
     /// The same ray, which leaves the micro-triangle of `hit` to the side of the unit vector `normal`, the normal of
@@ -107,5 +134,42 @@ pub(crate) fn permute(v: Vec3, axis: u32) -> Vec3 {
         Vec3::new(v.z, v.x, v.y)
     } else {
         v
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::tests::Numbers;
+
+    /// Directions from the least floats to the greatest: the same line, with distances in its own lengths.
+    #[test]
+    fn rays_of_any_length_are_the_same_lines() {
+        let mut numbers = Numbers::new(21);
+        for exponent in -149..=127 {
+            // Few bits, so that each length has the same direction.
+            let direction = Vec3::new(1.0, -0.5, 0.25);
+            let longer = (exponent as f32).exp2();
+            let v = direction * longer;
+            let t_max = 1.0 + numbers.unit();
+            let (ray, stretch) = TraversalRay::from_ray(Ray { direction: v, t_max, ..Ray::default() });
+            if exponent >= -147 {
+                let (unit, _) = TraversalRay::from_ray(Ray { direction, t_max, ..Ray::default() });
+                assert_eq!(ray.direction, unit.direction, "2^{exponent}");
+            }
+            assert!((ray.direction.length() - 1.0).abs() < 1e-6 && ray.shear.is_finite());
+            let exact = f64::from(t_max) * v.as_dvec3().length();
+            let (least, greatest) = (f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX));
+            if exact > least && exact < greatest {
+                assert!(
+                    (f64::from(ray.t_max) - exact).abs() < 1e-6 * exact,
+                    "2^{exponent}: {} {exact}",
+                    ray.t_max
+                );
+                assert!((stretch.parameter(ray.t_max) - t_max).abs() < 1e-6 * t_max);
+            }
+        }
+        let (_, stretch) = TraversalRay::from_ray(Ray { direction: Vec3::splat(f32::MAX), ..Ray::default() });
+        assert!(stretch.parameter(1.0) > 0.0 && stretch.length().is_infinite());
     }
 }

@@ -85,7 +85,7 @@ pub fn sample_ray(
 /// The nearest hit of a ray, with everything a shader needs to know of it.
 #[inline]
 pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &mut Counts) -> Intersection {
-    let (traversal_ray, length) = TraversalRay::from_ray(ray);
+    let (traversal_ray, stretch) = TraversalRay::from_ray(ray);
     counts.primary_rays += 1;
     let hit = traverse(scene, features, &traversal_ray, Query::Nearest, counts);
     if !hit.is_some() {
@@ -96,7 +96,7 @@ pub fn trace_ray(scene: &SceneView<'_>, features: Features, ray: Ray, counts: &m
     let in_image_space = method::is_image_space(features.method);
     Intersection {
         point: surface.shown_point(features, &traversal_ray),
-        t: if in_image_space { hit.t + surface.offset } else { hit.t } / length,
+        t: stretch.parameter(if in_image_space { hit.t + surface.offset } else { hit.t }),
         normal: if in_image_space { surface.ns } else { surface.ng },
         primitive: hit.primitive,
         point_error: surface.point_error,

@@ -8,7 +8,7 @@ use crate::film::Sample;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::lighting::DirectLighting;
-use crate::math::{MinMax, at, cross, dot, gamma, max_abs, next_down, next_up, sqrt, unit};
+use crate::math::{MinMax, at, clamp, cross, dot, gamma, max_abs, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::sampler::pcg4d;
@@ -210,7 +210,7 @@ fn height(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3) -> f32 {
     }
 }
 
-/// The neighbour of `x` in the direction of `offset`.
+/// The [neighbour](next_up) of `x` in the direction of `offset`: also of 0 one that devices do not take for 0.
 #[inline]
 fn round_along(x: f32, offset: f32) -> f32 {
     if offset > 0.0 {
@@ -319,10 +319,10 @@ pub fn error_shown(a: Sample, b: Sample) -> Sample {
 /// The difference that is shown red: a quarter of full light.
 const RED_ERROR: f32 = 0.25;
 
-/// Blue at 0, green at a half, red at 1 and above.
+/// Blue at 0 and for NaN, green at a half, red at 1 and above.
 #[inline]
 fn heat(x: f32) -> Vec3 {
-    let x = x.clamp(0.0, 1.0);
+    let x = clamp(x, 0.0, 1.0);
     Vec3::new((2.0 * x - 1.0).max(0.0), 1.0 - (2.0 * x - 1.0).abs(), (1.0 - 2.0 * x).max(0.0))
 }
 

@@ -1,7 +1,7 @@
 //! Texture maps in storage buffers: bilinear filter, wrap modes, packed texel formats.
 
 use crate::interface::{color_format, height_format, wrap};
-use crate::math::{at, floor, fma, log2};
+use crate::math::{at, clamp, floor, fma, log2};
 use glam::{Vec2, Vec3};
 
 /// The four texels around a point and their weights.
@@ -24,7 +24,7 @@ fn reduce(x: f32, mode: u32) -> f32 {
         let folded = x - 2.0 * floor(x * 0.5);
         if folded > 1.0 { 2.0 - folded } else { folded }
     } else {
-        x.clamp(0.0, 1.0)
+        clamp(x, 0.0, 1.0)
     }
 }
 

@@ -22,7 +22,9 @@
 //! off by 28 u of their coordinates, at most 2 s + r, against a surface that coincides with the one left, as are those
 //! of the latter, here at most r: 76 u s + 56 u r together.
 
-use crate::math::{MinMax, UNIT_ROUNDOFF, cross, difference_of_products, dot, fma, max_abs, sqrt, unit};
+use crate::math::{
+    MinMax, UNIT_ROUNDOFF, cross, difference_of_products, dot, fma, max_abs, resolve_sign, sqrt, unit,
+};
 use crate::ray::{TraversalRay, permute};
 use glam::Vec3;
 
@@ -53,10 +55,11 @@ impl TriangleHit {
 ///
 /// Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: the edge functions are signs of
 /// sheared 2-D determinants, which both triangles at an edge compute from the same bits with opposite roles, so
-/// that no ray passes between them. Where the paper falls back to doubles, [`difference_of_products`] has the
-/// exact sign already. A triangle seen edge-on or of zero area is missed. `t` carries a relative error of at most
-/// gamma(12) of the greatest vertex depth. It depends on where the corners are and not on their order: a face that is
-/// stored twice, whichever way round, is hit at the same distance to the bit.
+/// that no ray passes between them. Where the paper falls back to doubles, [`resolve_sign`] tells the sign exactly, on
+/// devices whose `Fma` rounds twice too, for the range of [`difference_of_products`] (below it signs are still
+/// opposite). A triangle seen edge-on or of zero area is missed. `t` carries a relative error of at most
+/// gamma(12) of the greatest vertex depth. It depends on where the corners are and not on
+/// their order: a face that is stored twice, whichever way round, is hit at the same distance to the bit.
 #[inline]
 pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -> TriangleHit {
     intersect_sheared(ray, ray.shear_point(p0), ray.shear_point(p1), ray.shear_point(p2), t_max)
@@ -65,9 +68,7 @@ pub fn intersect(ray: &TraversalRay, p0: Vec3, p1: Vec3, p2: Vec3, t_max: f32) -
 /// [`intersect`] with vertices that are [sheared](TraversalRay::shear_point) already.
 #[inline]
 pub fn intersect_sheared(ray: &TraversalRay, a: Vec3, b: Vec3, c: Vec3, t_max: f32) -> TriangleHit {
-    let e0 = difference_of_products(c.x, b.y, c.y, b.x);
-    let e1 = difference_of_products(a.x, c.y, a.y, c.x);
-    let e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    let [e0, e1, e2] = edge_functions(a, b, c);
     let any_negative = e0 < 0.0 || e1 < 0.0 || e2 < 0.0;
     let any_positive = e0 > 0.0 || e1 > 0.0 || e2 > 0.0;
     let det = e0 + e1 + e2;
@@ -82,6 +83,22 @@ pub fn intersect_sheared(ray: &TraversalRay, a: Vec3, b: Vec3, c: Vec3, t_max: f
     }
 }
 
+/// The edge functions of a sheared triangle, with exact signs: twice the areas of the triangles that the ray makes with
+/// its sides.
+#[inline]
+fn edge_functions(a: Vec3, b: Vec3, c: Vec3) -> [f32; 3] {
+    let mut e0 = difference_of_products(c.x, b.y, c.y, b.x);
+    let mut e1 = difference_of_products(a.x, c.y, a.y, c.x);
+    let mut e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    // Few rays come so near to an edge: a branch for all three, so that others pay for no more than the question.
+    if e0 == 0.0 || e1 == 0.0 || e2 == 0.0 {
+        e0 = resolve_sign(e0, c.x, b.y, c.y, b.x);
+        e1 = resolve_sign(e1, a.x, c.y, a.y, c.x);
+        e2 = resolve_sign(e2, b.x, a.y, b.y, a.x);
+    }
+    [e0, e1, e2]
+}
+
 /// Where a ray that meets the triangle (a, b, c) does so. Computed with the corners in an order that is their own, so
 /// that it is the same to the bit in whatever order they come.
 #[inline]
@@ -90,9 +107,7 @@ fn distance_and_weights(a: Vec3, b: Vec3, c: Vec3) -> TriangleHit {
     let (second, third) = in_order(second, (c, 2));
     let (first, second) = in_order(first, second);
     let ((a, at_first), (b, at_second), (c, _)) = (first, second, third);
-    let e0 = difference_of_products(c.x, b.y, c.y, b.x);
-    let e1 = difference_of_products(a.x, c.y, a.y, c.x);
-    let e2 = difference_of_products(b.x, a.y, b.y, a.x);
+    let [e0, e1, e2] = edge_functions(a, b, c);
     let det = e0 + e1 + e2;
     // Divided first: the edge functions are areas, and an area times a depth may be less than a float can hold.
     let (b0, b1, b2) = (e0 / det, e1 / det, e2 / det);

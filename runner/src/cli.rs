@@ -7,6 +7,7 @@ mod arguments;
 mod bench;
 mod command_line;
 mod compare;
+mod devices;
 mod error;
 mod inputs;
 mod interrupt;
@@ -17,7 +18,6 @@ mod trace;
 mod values;
 mod view;
 
-use crate::backend::select::devices;
 use crate::backend::{DeviceInfo, DeviceKind};
 use arguments::RenderArgs;
 use clap::Parser;
@@ -53,8 +53,8 @@ enum Command {
         #[arg(required = true)]
         folders: Vec<PathBuf>,
     },
-    /// List what can render
-    Devices,
+    /// List what can render, or check whether it is exact
+    Devices(devices::DevicesArgs),
     /// Measure how fast this machine is
     Bench {
         #[command(subcommand)]
@@ -110,10 +110,9 @@ impl Command {
                 args.run()
             }
             Command::Methods { folders } => compare::describe_methods(&folders),
-            Command::Devices => {
+            Command::Devices(args) => {
                 start_log(LevelFilter::INFO);
-                list_devices();
-                Ok(())
+                args.run()
             }
             Command::Bench { bench } => {
                 start_log(LevelFilter::INFO);
@@ -138,16 +137,6 @@ fn start_log(level: LevelFilter) {
 /// Prints a line to standard output. A reader that has gone away (`emboss devices | head -1`) is no failure.
 fn say(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stdout(), "{line}");
-}
-
-/// One line a device; the number is what `--device` takes.
-fn list_devices() {
-    let mut vulkan = 0_u32..;
-    for device in devices() {
-        let number = if device.backend == "vulkan" { vulkan.next() } else { None };
-        let number = number.map_or_else(String::new, |number| number.to_string());
-        say(format_args!("{:<8}{number:<3}{}", device.backend, description(&device)));
-    }
 }
 
 /// What a user is told of a device.

@@ -4,6 +4,7 @@
 pub mod backend;
 pub mod bench;
 pub mod bvh;
+pub mod check;
 pub mod cli;
 pub mod colors;
 pub mod compare;

@@ -527,6 +527,34 @@ fn devices_lists_the_processor() {
 }
 
 #[test]
+fn the_processor_is_exact() {
+    let run = Place::new().run(&["devices", "--check", "--backend=cpu"]).succeeded();
+    assert!(
+        run.stdout.starts_with("cpu ")
+            && run.stdout.ends_with("Emboss is exact here, as far as this looked.\n")
+    );
+    assert!(!run.stdout.contains("FAILS"), "{}", run.stdout);
+}
+
+/// Lavapipe's loops end too early, and nothing else of it is wrong.
+#[test]
+fn vulkan_devices_are_checked() {
+    let run = Place::new().run(&["devices", "--check", "--device=llvmpipe"]);
+    assert_eq!(run.stdout.matches("FAILS").count(), 1, "{}", run.stdout);
+    run.failed(1, &["exactness does not hold on llvmpipe", "loops end after 65535 turns", "--backend cpu"]);
+}
+
+#[test]
+fn a_check_is_of_one_device_and_asked_for() {
+    let place = Place::new();
+    place
+        .run(&["devices", "--check", "--backend=cpu", "--device=0"])
+        .failed(2, &["--device chooses a Vulkan device"]);
+    place.run(&["devices", "--device=0"]).failed(2, &["--check"]);
+    place.run(&["devices", "--check", "--device=none such"]).failed(1, &["no Vulkan device"]);
+}
+
+#[test]
 fn without_a_device_auto_renders_on_the_cpu_and_says_so() {
     let place = Place::new();
     let mut command = place.command(&QUICK[..9]);

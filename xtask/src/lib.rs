@@ -2,6 +2,7 @@
 //! and what the modules say of themselves.
 #![forbid(unsafe_code)]
 
+pub mod contraction;
 pub mod manifest;
 pub mod module;
 pub mod settings;

@@ -68,7 +68,8 @@ fn add(hash: &mut Sha256, name: &str, text: &str) {
 
 /// Everything of [`settings`] that reaches the compiler of the committed modules.
 fn compiler_settings() -> impl std::fmt::Debug {
-    (settings::RUST_GPU, settings::TARGET, settings::CAPABILITIES, settings::RELEASE)
+    let linked = (settings::RUST_GPU, settings::TARGET, settings::CAPABILITIES, settings::RELEASE);
+    (linked, settings::DECORATION)
 }
 
 /// The manifest of the kernels and every Rust file below `folder`, in the order of their paths.

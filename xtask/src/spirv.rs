@@ -3,12 +3,15 @@
 use crate::process::{run, say};
 use crate::toolchain;
 use anyhow::{Context, Result, bail, ensure};
+use rspirv::binary::Assemble;
 use spirv_builder::{Capability, ShaderPanicStrategy, SpirvBuilder, SpirvMetadata};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use xtask::manifest::{Manifest, describe};
-use xtask::{MANIFEST_PATH, MODULES_PATH, REMEDY, module, module_path, settings, sources, workspace};
+use xtask::{
+    MANIFEST_PATH, MODULES_PATH, REMEDY, contraction, module, module_path, settings, sources, workspace,
+};
 
 /// The compiled modules by entry point, with their manifest, as they are committed.
 struct Compiled {
@@ -131,9 +134,17 @@ pub(crate) fn compile(compilation: Compilation) -> Result<()> {
     let result = builder.build().context("the kernels do not compile to SPIR-V")?;
     for (entry_point, made) in result.module.unwrap_multi() {
         let path = output.join(format!("{entry_point}.spv"));
-        std::fs::copy(made, &path).with_context(|| path.display().to_string())?;
+        let bytes = std::fs::read(made).with_context(|| made.display().to_string())?;
+        std::fs::write(&path, without_contraction(&bytes)?).with_context(|| path.display().to_string())?;
     }
     Ok(())
+}
+
+/// A module whose arithmetic no driver may contract.
+fn without_contraction(bytes: &[u8]) -> Result<Vec<u8>> {
+    let mut module = module::parse(bytes)?;
+    contraction::forbid(&mut module);
+    Ok(module.assemble().into_iter().flat_map(u32::to_le_bytes).collect())
 }
 
 /// Makes an empty folder: a module whose entry point is gone does not stay behind.

@@ -1,5 +1,7 @@
 //! Cells of the barycentric grid: the micro-triangles by name, and the steps between neighbours.
 
+use crate::math::clamp;
+
 /// A micro-triangle of a base triangle whose sides have N parts.
 ///
 /// It is (i,j,k) = floor(alpha N), floor(beta N), floor(gamma N) of its inner points; i + j + k is N-1 in a *lower*
@@ -52,12 +54,12 @@ impl Cell {
     }
 
     /// The cell that holds the point of barycentric coordinates (beta, gamma); points outside the triangle are
-    /// brought to a cell at its border.
+    /// brought to a cell at its border, and coordinates that are NaN count as 0.
     #[inline]
     pub fn containing(beta: f32, gamma: f32, n: u32) -> Cell {
         let last = n - 1;
-        let x = beta.clamp(0.0, 1.0) * n as f32;
-        let y = gamma.clamp(0.0, 1.0) * n as f32;
+        let x = clamp(beta, 0.0, 1.0) * n as f32;
+        let y = clamp(gamma, 0.0, 1.0) * n as f32;
         let j = (x as u32).min(last);
         let k = (y as u32).min(last - j);
         let upper = j + k < last && (x - j as f32) + (y - k as f32) > 1.0;

@@ -697,10 +697,11 @@ impl BaseTriangle {
                 e += 1;
             }
         }
-        // A micro-vertex takes 3 fused operations on weights off by 3 u each, and one more for its lift, itself the
-        // result of some 7 operations of which Vulkan allows three (divisions, root) 2.5 ulp: below 28 u in all. The
-        // rest is what rays need.
-        bounds.padded((28.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + self.reach(field)))
+        // Position and direction of a micro-vertex are interpolated: weights are off by 5 u (Vulkan's division) and
+        // sums of three products by 3 u. Its lift is off by 16 u: half of a dot product's 3 u, 9 u for the root (see
+        // `sqrt`), 5 u for the division. A product and a sum put them together, and the corners of the hull too. That
+        // is 11 u of positions and 28 u of the reach, and a rounding here. The rest is what rays need.
+        bounds.padded((32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + self.reach(field)))
     }
 
     /// A box that holds the base triangle itself, padded as [`bounds`](Self::bounds) are.
@@ -708,15 +709,16 @@ impl BaseTriangle {
     pub fn flat_bounds(&self) -> Aabb {
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         let magnitude = max_abs(self.p0).max_num(max_abs(self.p1)).max_num(max_abs(self.p2));
-        flat.padded((28.0 * UNIT_ROUNDOFF + BOX_MARGIN) * magnitude)
+        flat.padded((32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * magnitude)
     }
 
     /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its
     /// greatest coordinate.
     fn vector_bounds(&self, field: &HeightField<'_>, flat: Aabb, magnitude: f32) -> Aabb {
         let reach = self.reach(field);
-        // Two more fused operations than heights take; the mean of a seam's sides is in its bound.
-        let error = (32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + reach);
+        // Two more products and sums than heights take, and 3 u of a bitangent; the mean of a seam's sides is in its
+        // bound.
+        let error = (40.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + reach);
         let grown = flat.padded(reach + error);
         // Levels change heights by what depends on the view, which boxes do not.
         if field.is_filtered() {

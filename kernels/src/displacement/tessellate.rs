@@ -36,7 +36,8 @@ pub fn vertex_place(n: u32, j: u32, k: u32) -> u32 {
 /// The grid point (j, k) in place `i`.
 #[inline]
 pub fn grid_point_at(n: u32, i: u32) -> (u32, u32) {
-    // The row is the greatest s with s (s + 1) / 2 <= i. 8 i + 1 and its root are rounded, to less than a row.
+    // The row is the greatest s with s (s + 1) / 2 <= i. 8 i + 1 is rounded and its root off by 9 u: of rows up to 4096
+    // that is less than 1/100 of a row.
     let s = ((sqrt((8 * i + 1) as f32) - 1.0) * 0.5) as u32;
     let s = if s * (s + 1) / 2 > i { s - 1 } else { s };
     let s = if (s + 1) * (s + 2) / 2 <= i { s + 1 } else { s };

@@ -22,9 +22,9 @@ use glam::Vec3;
 /// How much of [`BaseTriangle::reach`], in unit roundoffs, is in the margin of bounds. The reach is the sum of three
 /// magnitudes; lifts that are bounded are up to four times as great. An axis at a corner is off by 3 u where it is the
 /// cross product of two, by 27 u from interpolation with weights whose magnitudes add up to 3 at the most (beyond the
-/// grid's border), by 4 u and 5 u from the ray's frame, and its lift by 12 u: 204 u of the magnitude. A micro-vertex
+/// grid's border), by 6 u and 5 u from the ray's frame, and its lift by 16 u: 228 u of the magnitude. A micro-vertex
 /// interpolates the axis with an error of 9 u, which its lift makes 36 u of the magnitude where it is bounded, and the
-/// height's division and the sums come to 16 u; sides are averaged by 3 u, here and there.
+/// height's division, the root and the sums come to 20 u; sides are averaged by 3 u, here and there.
 pub(super) const ROUNDINGS_OF_REACH: f32 = 384.0;
 /// The same of the largest coordinate, in addition to what heights have: a point of the bound is interpolated in the
 /// world, with weights off by 6 u and 3 u of operations, whose magnitudes add up to 3 at the most; its micro-vertex

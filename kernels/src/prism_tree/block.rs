@@ -1,12 +1,12 @@
 //! Blocks: the leaves of a heap, 4 x 4 micro-triangles that share 15 micro-vertices.
 
-use crate::barycentric::{exact_weight, grid_weight};
+use crate::barycentric::{exact_weight, grid_point, grid_weight, interpolate};
 use crate::counters::Counts;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField, intersect_micro_triangle};
 use crate::hit::Hit;
 use crate::interface::{NO_SEAMS, bounds, displacement_kind};
-use crate::math::{at, fma3};
+use crate::math::{at, difference_of_products, fma3};
 use crate::prism_tree::corners::Corners;
 use crate::prism_tree::layout::{BLOCK_SIDE, Layout, heap_nodes, levels};
 use crate::ray::TraversalRay;
@@ -115,25 +115,33 @@ macro_rules! for_each_point {
     };
 }
 
-/// Does something for each of a block's cells: a and b, whether it is turned, and the places of its vertices.
+/// Does something for each cell that is not turned: its number, a, b, and the places of points (a, b), (a, b + 1) and
+/// (a + 1, b), its corners.
 macro_rules! for_each_cell {
     ($do:ident) => {
-        $do!(0, 0, false, 0, 5, 1);
-        $do!(0, 0, true, 6, 1, 5);
-        $do!(0, 1, false, 1, 6, 2);
-        $do!(0, 1, true, 7, 2, 6);
-        $do!(0, 2, false, 2, 7, 3);
-        $do!(0, 2, true, 8, 3, 7);
-        $do!(0, 3, false, 3, 8, 4);
-        $do!(1, 0, false, 5, 9, 6);
-        $do!(1, 0, true, 10, 6, 9);
-        $do!(1, 1, false, 6, 10, 7);
-        $do!(1, 1, true, 11, 7, 10);
-        $do!(1, 2, false, 7, 11, 8);
-        $do!(2, 0, false, 9, 12, 10);
-        $do!(2, 0, true, 13, 10, 12);
-        $do!(2, 1, false, 10, 13, 11);
-        $do!(3, 0, false, 12, 14, 13);
+        $do!(0, 0, 0, 0, 1, 5);
+        $do!(1, 0, 1, 1, 2, 6);
+        $do!(2, 0, 2, 2, 3, 7);
+        $do!(3, 0, 3, 3, 4, 8);
+        $do!(4, 1, 0, 5, 6, 9);
+        $do!(5, 1, 1, 6, 7, 10);
+        $do!(6, 1, 2, 7, 8, 11);
+        $do!(7, 2, 0, 9, 10, 12);
+        $do!(8, 2, 1, 10, 11, 13);
+        $do!(9, 3, 0, 12, 13, 14);
+    };
+}
+
+/// Does something for each turned cell: the number of cell (a, b) beside it, a, b, and the numbers of cells (a, b + 1)
+/// and (a + 1, b), which are beside it too.
+macro_rules! for_each_turned_cell {
+    ($do:ident) => {
+        $do!(0, 0, 0, 1, 4);
+        $do!(1, 0, 1, 2, 5);
+        $do!(2, 0, 2, 3, 6);
+        $do!(4, 1, 0, 5, 7);
+        $do!(5, 1, 1, 6, 8);
+        $do!(7, 2, 0, 8, 9);
     };
 }
 
@@ -308,7 +316,30 @@ impl<'a> MicroVertices<'a> {
         points
     }
 
+    /// The micro-vertex over grid point (j, k) of which something is stored: the same bits.
+    #[inline]
+    fn stored_one(&self, triangle: u32, j: u32, k: u32) -> Vec3 {
+        let (n, floats) = (self.scene.frame.subdivisions, self.scene.micro_vertices);
+        let place = self.layout.micro_vertex(triangle, j, k);
+        if self.features.displacement != displacement_kind::HEIGHT {
+            point_at(floats, 3 * place)
+        } else {
+            let corners = Corners::load(self.scene.prism_tree, self.layout.record(triangle));
+            let on_border = j == 0 || k == 0 || j + k == n;
+            if self.features.seams != 0 && corners.seams != NO_SEAMS && on_border {
+                point_at(floats, self.layout.border(corners.seams, j, k))
+            } else {
+                let w = grid_point(j, k, n);
+                let p = interpolate(w, corners.p[0], corners.p[1], corners.p[2]);
+                fma3(at(floats, place), interpolate(w, corners.n[0], corners.n[1], corners.n[2]), p)
+            }
+        }
+    }
+
     /// The nearer of `nearest` and the ray's hits on the micro-triangles of a block.
+    ///
+    /// First the signs of edge functions, which neighbours share, tell those that the ray may meet: mostly one or none.
+    /// They alone go through the whole test.
     #[inline]
     pub fn intersect(
         &self,
@@ -326,23 +357,151 @@ impl<'a> MicroVertices<'a> {
             };
         }
         for_each_point!(shear);
-        let mut nearest = nearest;
-        macro_rules! intersect {
-            ($a:literal, $b:literal, $turned:literal, $p0:literal, $p1:literal, $p2:literal) => {
-                let cell = block.cell($a, $b, $turned);
-                if cell.j + cell.k + (cell.upper as u32) < n {
-                    let corners = [points[$p0], points[$p1], points[$p2]];
-                    nearest = intersect_micro_triangle(triangle, ray, cell, corners, nearest);
-                    counts.triangles += 1;
-                }
+        // Of cell (a, b): the edge functions from point (a, b) to (a, b + 1) and to (a + 1, b), and between these two.
+        let (mut along, mut across, mut between) = ([0.0; CELLS], [0.0; CELLS], [0.0; CELLS]);
+        macro_rules! measure {
+            ($cell:literal, $a:literal, $b:literal, $p:literal, $along:literal, $across:literal) => {
+                along[$cell] = edge_function(points[$p], points[$along]);
+                across[$cell] = edge_function(points[$p], points[$across]);
+                between[$cell] = edge_function(points[$along], points[$across]);
             };
         }
-        for_each_cell!(intersect);
+        for_each_cell!(measure);
+        let mut met = 0;
+        macro_rules! judge {
+            ($cell:literal, $a:literal, $b:literal, $p:literal, $along:literal, $across:literal) => {
+                let cell = block.cell($a, $b, false);
+                let is_there = cell.j + cell.k + (cell.upper as u32) < n;
+                counts.triangles += is_there as u32;
+                let may_be = is_there && !are_mixed(across[$cell], -between[$cell], -along[$cell]);
+                met |= (may_be as u32) << $cell;
+            };
+        }
+        for_each_cell!(judge);
+        macro_rules! judge_turned {
+            ($cell:literal, $a:literal, $b:literal, $right:literal, $below:literal) => {
+                let cell = block.cell($a, $b, true);
+                let is_there = cell.j + cell.k + (cell.upper as u32) < n;
+                counts.triangles += is_there as u32;
+                let may_be = is_there && !are_mixed(between[$cell], along[$below], -across[$right]);
+                met |= (may_be as u32) << ($cell + FIRST_TURNED);
+            };
+        }
+        for_each_turned_cell!(judge_turned);
+        let mut nearest = nearest;
+        while met != 0 {
+            let bit = met.trailing_zeros();
+            met &= met - 1;
+            let turned = bit >= FIRST_TURNED;
+            let (a, b) = place_of_cell(if turned { bit - FIRST_TURNED } else { bit });
+            let mut corners = [Vec3::ZERO; 3];
+            let mut e = 0;
+            // A loop, so that the code of a micro-vertex stands here once.
+            while e < 3 {
+                let to_a = ((e == 1) != turned) as u32;
+                let to_b = ((e == 2) != turned) as u32;
+                corners[e as usize] = if self.features.bounds == bounds::ALL {
+                    let (j, k) = block.point(a + to_a, b + to_b);
+                    ray.shear_point(self.stored_one(triangle, j, k))
+                } else {
+                    points[place_of_point(a + to_a, b + to_b) as usize]
+                };
+                e += 1;
+            }
+            let cell = block.cell(a, b, turned);
+            nearest = intersect_micro_triangle(triangle, ray, cell, corners, nearest);
+        }
         nearest
     }
+}
+
+/// The edge function of a side between two sheared points: twice the area of its triangle with the ray. Between the
+/// points the other way round it has the other sign.
+#[inline]
+fn edge_function(from: Vec3, to: Vec3) -> f32 {
+    difference_of_products(to.x, from.y, to.y, from.x)
+}
+
+/// Whether some are positive and some negative: then the ray passes the triangle.
+#[inline]
+fn are_mixed(e0: f32, e1: f32, e2: f32) -> bool {
+    (e0 < 0.0 || e1 < 0.0 || e2 < 0.0) && (e0 > 0.0 || e1 > 0.0 || e2 > 0.0)
+}
+
+/// How many of a block's cells are not turned. Their bits come first.
+const CELLS: usize = 10;
+/// The bit of the turned cell beside cell 0.
+const FIRST_TURNED: u32 = 16;
+
+/// a and b of cell number `cell`.
+#[inline]
+fn place_of_cell(cell: u32) -> (u32, u32) {
+    let a = (cell >= 4) as u32 + (cell >= 7) as u32 + (cell >= 9) as u32;
+    (a, cell + a * a.wrapping_sub(1) / 2 - 4 * a)
+}
+
+/// The number of point (a, b).
+#[inline]
+fn place_of_point(a: u32, b: u32) -> u32 {
+    // a (a - 1) / 2 for a up to 4, three bits each.
+    5 * a + b - (0o63100 >> (3 * a) & 7)
 }
 
 #[inline]
 fn point_at(floats: &[f32], first: u32) -> Vec3 {
     Vec3::new(at(floats, first), at(floats, first + 1), at(floats, first + 2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_those_of_the_lists() {
+        macro_rules! check_point {
+            ($i:literal, $a:literal, $b:literal) => {
+                assert_eq!(place_of_point($a, $b), $i);
+            };
+        }
+        for_each_point!(check_point);
+        macro_rules! check_cell {
+            ($cell:literal, $a:literal, $b:literal, $p:literal, $along:literal, $across:literal) => {
+                assert_eq!(place_of_cell($cell), ($a, $b));
+                let places = [($a, $b), ($a, $b + 1), ($a + 1, $b)].map(|(a, b)| place_of_point(a, b));
+                assert_eq!(places, [$p, $along, $across]);
+            };
+        }
+        for_each_cell!(check_cell);
+        macro_rules! check_turned {
+            ($cell:literal, $a:literal, $b:literal, $right:literal, $below:literal) => {
+                let places = [$cell, $right, $below].map(place_of_cell);
+                assert_eq!(places, [($a, $b), ($a, $b + 1), ($a + 1, $b)]);
+            };
+        }
+        for_each_turned_cell!(check_turned);
+    }
+
+    /// Blocks of a heap tile the grid: each cell of it lies in one of them, once.
+    #[test]
+    fn blocks_tile_the_grid() {
+        for n in [1, 3, 4, 5, 8, 13, 16, 64] {
+            let mut taken = vec![0; 2 * (n * n) as usize];
+            let first = heap_nodes(levels(n));
+            for i in 0..1 << (2 * levels(n)) {
+                let block = Block::of_heap(n, first + i);
+                for (a, b, turned) in (0..4)
+                    .flat_map(|a| (0..4 - a).map(move |b| (a, b)))
+                    .flat_map(|(a, b)| [(a, b, false), (a, b, true)])
+                    .filter(|&(a, b, turned)| !turned || a + b < 3)
+                {
+                    let cell = block.cell(a, b, turned);
+                    if cell.j + cell.k + u32::from(cell.upper) < n {
+                        taken[(2 * (cell.j * n + cell.k) + u32::from(cell.upper)) as usize] += 1;
+                    }
+                }
+            }
+            assert_eq!(taken.iter().sum::<i32>(), (n * n) as i32, "N = {n}");
+            assert!(taken.iter().all(|&count| count <= 1), "N = {n}");
+        }
+    }
 }

@@ -12,7 +12,7 @@
 
 use crate::displacement::height_pyramid::Pyramid;
 use crate::interface::{Displacement, wrap};
-use crate::math::{at, floor, sqrt};
+use crate::math::{at, clamp, floor, sqrt};
 use glam::{Vec2, Vec3};
 
 /// Cells along each side of a map.
@@ -106,8 +106,8 @@ fn wrapped(i: i32, mode: u32) -> u32 {
 /// least one that of the first, which is 0. Cells farther than 2^22 from the map count as those there.
 #[inline]
 pub fn distance_at(distances: &[f32], map: u32, mode: u32, p: Vec3) -> f32 {
-    let limit = Vec2::splat(4_194_304.0);
-    let (x, y) = (p.x.clamp(-limit.x, limit.x), p.y.clamp(-limit.y, limit.y));
+    const FARTHEST: f32 = 4_194_304.0;
+    let (x, y) = (clamp(p.x, -FARTHEST, FARTHEST), clamp(p.y, -FARTHEST, FARTHEST));
     let (x, y) = (wrapped(floor(x) as i32, mode), wrapped(floor(y) as i32, mode));
     let layer = (p.z.max(0.0) as u32).min(DEPTH - 1);
     at(distances, map * WORDS + COLUMNS + layer * COLUMNS + y * SIDE + x)

@@ -15,6 +15,7 @@
 
 use super::layers::Bracket;
 use super::tangent_space::{Span, TangentRay, TangentSpace};
+use crate::math::clamp;
 
 /// What a height that rises by the whole range of heights above the ray, close to its start, takes of the light:
 /// twice the number of the paper's heights, times the softening of its sample program (`ParallaxOcclusionMapping` of
@@ -25,7 +26,7 @@ const SOFTENING: f32 = 16.0 * 0.58;
 #[inline]
 pub fn refine(bracket: Bracket) -> f32 {
     let fall = bracket.near_clearance - bracket.far_clearance;
-    let share = if fall > 0.0 { (bracket.near_clearance / fall).clamp(0.0, 1.0) } else { 1.0 };
+    let share = if fall > 0.0 { clamp(bracket.near_clearance / fall, 0.0, 1.0) } else { 1.0 };
     bracket.near + (bracket.far - bracket.near) * share
 }
 

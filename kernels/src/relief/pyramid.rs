@@ -17,7 +17,7 @@
 //! quadtree's, whose entries overlap: bounds are a little wider than the paper's, and hold at all wraps and sizes.
 
 use super::tangent_space::{Span, TangentRay, TangentSpace};
-use crate::math::{floor, sqrt};
+use crate::math::{clamp, floor, sqrt};
 use glam::Vec2;
 
 /// Texel coordinates beyond this are not followed: whole numbers and halves are no longer told apart there.
@@ -29,7 +29,7 @@ pub fn search(space: &TangentSpace<'_>, ray: &TangentRay, span: Span, n: u32) ->
     let top = space.top_level();
     let (start, rate) = ray.texels(space, span.near);
     let length = span.far - span.near;
-    let first = start.clamp(Vec2::splat(-FARTHEST), Vec2::splat(FARTHEST));
+    let first = Vec2::new(clamp(start.x, -FARTHEST, FARTHEST), clamp(start.y, -FARTHEST, FARTHEST));
     let mut level = top;
     let (mut x, mut y) = (floor(first.x) as i32 >> top, floor(first.y) as i32 >> top);
     // Distances count from where the span begins.

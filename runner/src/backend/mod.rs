@@ -700,6 +700,10 @@ pub trait Backend {
     /// The nearest hit of each ray.
     fn trace_rays(&mut self, rays: &[Ray]) -> Result<Vec<Intersection>, BackendError>;
 
+    /// From now on lets the driver fuse products with sums, or (as at first) not: then nothing is exact. To measure
+    /// what drivers do, and what it costs to forbid it. On the CPU nothing is ever fused, and this does nothing.
+    fn let_contract(&mut self, _contracts: bool) {}
+
     /// Runs an elementary kernel on `count` items: see [`probe`](emboss_kernels::probe). Needs no scene.
     fn probe(&mut self, kernel: u32, input: &[u32], count: u32) -> Result<Vec<u32>, BackendError>;
 }

@@ -3,6 +3,7 @@
 use super::inputs::InputError;
 use crate::backend::BackendError;
 use crate::bench::build::BenchError;
+use crate::check::CheckError;
 use crate::compare::CompareError;
 use crate::picture::PictureError;
 use crate::render::RenderError;
@@ -56,6 +57,12 @@ pub(super) enum CliError {
     InterruptedEarly,
     #[error("interrupted; the picture so far was written to {}", .0.display())]
     Interrupted(PathBuf),
+    #[error("exactness does not hold on {device} with its driver:{failures}")]
+    NotExact {
+        device: String,
+        /// A line for each.
+        failures: String,
+    },
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(
@@ -126,6 +133,15 @@ impl CliError {
 impl From<SceneError> for CliError {
     fn from(error: SceneError) -> Self {
         CliError::Input(error.into())
+    }
+}
+
+impl From<CheckError> for CliError {
+    fn from(error: CheckError) -> Self {
+        match error {
+            CheckError::Backend(error) => error.into(),
+            CheckError::Render(error) => error.into(),
+        }
     }
 }
 

@@ -80,6 +80,12 @@ use transfers::Transfers;
 /// 28 MiB with their intersections.
 const RAYS_AT_A_TIME: usize = 1 << 18;
 
+/// Whether the environment lets drivers fuse products with sums, to measure what exactness costs: see
+/// [`Backend::let_contract`].
+fn contracts() -> bool {
+    std::env::var_os("EMBOSS_CONTRACT").is_some_and(|value| value == "1")
+}
+
 /// Which Vulkan device is wanted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Selection {
@@ -139,6 +145,7 @@ impl VulkanBackend {
     pub fn on(device: OpenDevice) -> Result<Self, BackendError> {
         let mut backend = Self::empty_on(device)?;
         backend.programs = Programs::for_window();
+        backend.programs.let_contract(contracts());
         backend.builder()?;
         Ok(backend)
     }
@@ -147,7 +154,13 @@ impl VulkanBackend {
         let commands = Commands::new(&device)?;
         let mut transfers = Transfers::new(&device)?;
         let resident = empty(&device, &commands, &mut transfers)?;
-        let programs = Programs::default();
+        let mut programs = Programs::default();
+        programs.let_contract(contracts());
+        if contracts() {
+            tracing::warn!(
+                "EMBOSS_CONTRACT=1: the driver may fuse products with sums, so that nothing is exact"
+            );
+        }
         Ok(VulkanBackend {
             resident,
             programs,
@@ -598,6 +611,10 @@ impl Backend for VulkanBackend {
             hits.extend(self.trace_some(some)?);
         }
         Ok(hits)
+    }
+
+    fn let_contract(&mut self, contracts: bool) {
+        self.programs.let_contract(contracts);
     }
 
     /// # Panics

@@ -2,7 +2,7 @@
 
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
-use super::specialize::{instructions, specialize};
+use super::specialize::{instructions, let_contract, specialize};
 use crate::backend::{BackendError, PipelineCode};
 use ash::vk;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tiles, binding, spec};
@@ -354,7 +354,27 @@ impl Pipeline {
         kernel: Kernel,
         features: Features,
     ) -> Result<Self, BackendError> {
-        let words = kernel.specialized(features).map_err(|reason| {
+        Pipeline::of_words(device, kernel, kernel.specialized(features))
+    }
+
+    /// The same, which the driver may contract: see [`let_contract`].
+    pub(super) fn contractible(
+        device: &Arc<Device>,
+        kernel: Kernel,
+        features: Features,
+    ) -> Result<Self, BackendError> {
+        let words = kernel.specialized(features);
+        let words = words.and_then(|words| let_contract(&words).map_err(|error| error.to_string()));
+        Pipeline::of_words(device, kernel, words)
+    }
+
+    /// The pipeline of a specialised module, which may have been found to be damaged.
+    fn of_words(
+        device: &Arc<Device>,
+        kernel: Kernel,
+        words: Result<Vec<u32>, String>,
+    ) -> Result<Self, BackendError> {
+        let words = words.map_err(|reason| {
             tracing::error!("the built-in kernel {} is damaged: {reason}", kernel.entry_point());
             let source = vk::Result::ERROR_INITIALIZATION_FAILED;
             BackendError::Vulkan { what: "reading the kernels", source }

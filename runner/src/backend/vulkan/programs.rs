@@ -23,6 +23,8 @@ const MOST_BATCH_ITEMS: u32 = 65_535 * BATCH_GROUP_SIZE;
 pub(super) struct Programs {
     /// Whether a window waits for submissions.
     is_for_window: bool,
+    /// Whether drivers may fuse products with sums.
+    contracts: bool,
     features: Features,
     made: Vec<Program>,
     /// How long it took to make them and those before.
@@ -49,6 +51,14 @@ impl Programs {
     /// None yet, of a backend whose pictures a window shows: submissions are short.
     pub(super) fn for_window() -> Self {
         Programs { is_for_window: true, ..Programs::default() }
+    }
+
+    /// From now on pipelines are made such that the driver may fuse products with sums, or not.
+    pub(super) fn let_contract(&mut self, contracts: bool) {
+        if self.contracts != contracts {
+            self.contracts = contracts;
+            self.made.clear();
+        }
     }
 
     /// From now on pipelines are made for `features`. Those that hold other code are dropped, and the others forget
@@ -85,7 +95,8 @@ impl Programs {
             None => {
                 let features = self.features;
                 let start = Instant::now();
-                let pipeline = Pipeline::new(device, kernel, features)?;
+                let make = if self.contracts { Pipeline::contractible } else { Pipeline::new };
+                let pipeline = make(device, kernel, features)?;
                 let pacer = Pacer::new(self.is_for_window);
                 self.compile_time += start.elapsed();
                 self.made.push(Program { pipeline, kernel, features, pacer });

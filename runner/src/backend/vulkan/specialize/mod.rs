@@ -36,6 +36,17 @@ pub fn specialize(words: &[u32], values: &[u32]) -> Result<Vec<u32>, ParseState>
     Ok(module.assemble())
 }
 
+/// The module with nothing that keeps a driver from fusing a product with a sum: what is not exact, to measure what
+/// that costs and what drivers do.
+///
+/// Fails where `words` is no SPIR-V module.
+pub fn let_contract(words: &[u32]) -> Result<Vec<u32>, ParseState> {
+    let mut module = load_words(words)?;
+    let no_contraction = Operand::Decoration(Decoration::NoContraction);
+    module.annotations.retain(|annotation| !annotation.operands.contains(&no_contraction));
+    Ok(module.assemble())
+}
+
 /// How many instructions the functions of a module have, labels and variables among them.
 pub fn instructions(words: &[u32]) -> u32 {
     const HEADER_WORDS: usize = 5;
@@ -261,6 +272,28 @@ pub(super) mod tests {
         let ids_left = module.annotations.iter().any(|i| i.operands.contains(&Decoration::SpecId.into()));
         assert!(!ids_left);
         assert!(Features::default().to_array().len() == spec::COUNT as usize);
+    }
+
+    /// The results of sums, products and quotients of floats, and those of them that no driver may fuse.
+    fn arithmetic(module: &Module) -> [HashSet<Word>; 2] {
+        let is_one = |i: &&Instruction| matches!(i.class.opcode, Op::FAdd | Op::FSub | Op::FMul | Op::FDiv);
+        let results = module.all_inst_iter().filter(is_one).filter_map(|i| i.result_id);
+        let is_kept = |i: &&Instruction| i.operands.contains(&Decoration::NoContraction.into());
+        let kept = module.annotations.iter().filter(is_kept).filter_map(|i| i.operands[0].id_ref_any());
+        [results.collect(), kept.collect()]
+    }
+
+    #[test]
+    fn what_is_left_cannot_be_fused_unless_it_may() {
+        for features in choices() {
+            let module = specialized(RENDER, features);
+            let [results, kept] = arithmetic(&module);
+            assert!(!results.is_empty() && results.is_subset(&kept), "{features:?}");
+        }
+        let free = load_words(let_contract(&words(TRACE_RAYS)).unwrap()).unwrap();
+        let [results, kept] = arithmetic(&free);
+        assert!(results.len() > 1000 && kept.is_empty());
+        assert_eq!(free.functions.len(), load_words(words(TRACE_RAYS)).unwrap().functions.len());
     }
 
     /// The bindings that code is left for.
