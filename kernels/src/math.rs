@@ -622,7 +622,7 @@ pub(crate) mod tests {
                 let (scaled, k) = to_size(v);
                 assert!((1.0..2.0).contains(&max_abs(scaled)), "{v:?}: {scaled}");
                 assert_eq!(scaled.as_dvec3() * 2.0_f64.powi(k), v.as_dvec3());
-                let off = (unit(v).as_dvec3() - v.as_dvec3().normalize()).abs().max_element();
+                let off = (unit(v).as_dvec3() - v.as_dvec3().normalize()).length();
                 assert!(off < 4.0 * f64::from(f32::EPSILON), "{v:?}: {off:e}");
             }
         }
