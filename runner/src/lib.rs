@@ -17,6 +17,7 @@ pub mod picture;
 pub mod render;
 pub mod scene;
 pub mod settings;
+pub mod space;
 pub mod stats;
 pub mod view;
 mod whole_file;

@@ -161,6 +161,8 @@ pub struct SettingsUsed {
 impl SettingsUsed {
     /// What was asked for: `zero`, `scale` and N as chosen, also where the method does not displace.
     pub fn new(settings: &Settings, samples: u32, scene: &Scene) -> SettingsUsed {
+        #[expect(clippy::cast_possible_truncation, reason = "what it was before it was multiplied")]
+        let in_world = |scale: f32| scene.mesh.space.world_length(scale.into()) as f32;
         let wraps = scene.reliefs.iter().map(|relief| relief.wrap);
         let wraps = wraps.chain(scene.materials.iter().map(|material| material.wrap));
         SettingsUsed {
@@ -169,7 +171,7 @@ impl SettingsUsed {
                 None => Subdivisions::Fixed(scene.subdivisions),
             },
             zero: agreed(scene.reliefs.iter().map(|relief| relief.zero)),
-            scale: agreed(scene.reliefs.iter().map(|relief| relief.scale)),
+            scale: agreed(scene.reliefs.iter().map(|relief| in_world(relief.scale))),
             width: settings.width,
             height: settings.height,
             samples,

@@ -4,6 +4,7 @@ pub mod boxes;
 pub mod changes;
 pub mod compare;
 pub mod exact;
+pub mod far;
 pub mod flat;
 pub mod instances;
 mod lavapipe;

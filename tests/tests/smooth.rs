@@ -18,7 +18,7 @@ use emboss_tests::compare::{rendered, rmse};
 use emboss_tests::meshes;
 use emboss_tests::oracle::LimitSurface;
 use emboss_tests::scenes::{ReadyJob, WildMap, builtin_scene, job, random_solid};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 const SCALES: [f32; 3] = [1e-6, 1.0, 1e6];
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
@@ -130,7 +130,7 @@ fn light_from_behind_the_surface_gives_nothing() {
         scene.reliefs[0].scale *= 4.0;
         let normals = [Normals::Normalized, Normals::Linear][round % 2];
         let method = [Method::Quadtree, Method::BruteForce, Method::None][round % 3];
-        let lights = vec![Light { position: Vec3::ZERO, color: Vec3::ONE, intensity: Some(1.0) }];
+        let lights = vec![Light { position: DVec3::ZERO, color: Vec3::ONE, intensity: Some(1.0) }];
         let settings =
             Settings { normals, method, lights, smooth: true, ambient: 0.0, ..Settings::default() };
         let mut ready = job(scene, &Settings { shadows: round % 4 == 0, ..settings });
@@ -192,7 +192,8 @@ fn light_inside_a_closed_mesh_stays_there() {
                 parts: vec![],
                 subdivisions,
             };
-            let light = Light { position: placed.inside[0], color: Vec3::ONE, intensity: Some(1.0) };
+            let light =
+                Light { position: placed.inside[0].as_dvec3(), color: Vec3::ONE, intensity: Some(1.0) };
             let settings = Settings {
                 width: 64,
                 height: 48,

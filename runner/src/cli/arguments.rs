@@ -12,7 +12,7 @@ use crate::scene::scene_file::SceneFile;
 use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::path::PathBuf;
 use tracing::level_filters::LevelFilter;
 
@@ -105,14 +105,14 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DEVICE")]
     pub(super) device: Option<String>,
     /// Camera [default: sees the whole model]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) eye: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) eye: Option<DVec3>,
     /// Middle of the picture [default: the middle of the model]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) target: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) target: Option<DVec3>,
     /// Direction that is up in the picture [default: 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) up: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) up: Option<DVec3>,
     /// Angle between the picture's upper and lower edge, in degrees [default: 35]
     #[arg(long, value_name = "DEGREES", value_parser = values::fov)]
     pub(super) fov: Option<f32>,
@@ -323,10 +323,13 @@ impl RenderArgs {
         }
         inputs.choices.iter().for_each(say);
         let mesh = &inputs.scene.mesh;
-        let dropped = match mesh.dropped {
+        let left_out = |count: usize, why: &str| match count {
             0 => String::new(),
-            dropped => format!(", left out {dropped} without three different corners"),
+            count => format!(", left out {count} {why}"),
         };
-        say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
+        let dropped = left_out(mesh.dropped, "without three different corners");
+        let collapsed =
+            left_out(mesh.collapsed, "that are smaller than floats tell apart in a model of this size");
+        say(format_args!("Imported {} triangles{dropped}{collapsed}", mesh.triangles.len()));
     }
 }

@@ -236,7 +236,7 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
     });
     let mut assembly = Assembly::new(displacement, channels);
-    for Model { mesh, materials, places, .. } in models {
+    for Model { mesh, apart, materials, places, .. } in models {
         let ids = materials.iter().map(|material| {
             let is_named = [material.color, material.height, material.normal].contains(&SCENE_FILE);
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
@@ -245,10 +245,12 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             })
         });
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
-        if places.is_empty() {
-            assembly.add(mesh, &ids);
-        } else {
-            assembly.add_placed(mesh, &ids, places);
+        for mesh in std::iter::once(mesh).chain(apart) {
+            if places.is_empty() {
+                assembly.add(mesh, &ids);
+            } else {
+                assembly.add_placed(mesh, &ids, places.clone());
+            }
         }
     }
     let mut scene = assembly.finish(subdivisions.most());

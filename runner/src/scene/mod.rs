@@ -8,14 +8,16 @@ mod mesh;
 pub mod mip_levels;
 mod noise;
 pub mod obj;
+pub mod precise;
 pub mod scene_file;
 pub mod seams;
 mod tangents;
 
 use crate::normal_maps::NormalMap;
 use crate::settings::Wrap;
+use crate::space::RenderSpace;
 use emboss_kernels::interface::{Triangle, Vertex};
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -31,8 +33,16 @@ pub struct Mesh {
     pub triangles: Vec<Triangle>,
     /// How many triangles of the source had two corners at one position, or fewer than three, and were left out.
     pub dropped: usize,
+    /// How many triangles had three different corners in the source, but not in `f32` about the mesh's own origin, and
+    /// were left out: see [`precise`].
+    pub collapsed: usize,
     /// The first vertex of each mesh that was [appended](Mesh::append): those before it have nothing in common with it.
     pub starts: Vec<u32>,
+    /// Whole tiles that were subtracted from each vertex's texture coordinates, even numbers; empty where none were.
+    /// See [`Mesh::with_whole_coordinates`].
+    pub tiles: Vec<DVec2>,
+    /// The space that its positions are in. Of a [scene](crate::render::Scene) it is the render space.
+    pub space: RenderSpace,
 }
 
 /// What a model's file says of one of its materials.
@@ -85,7 +95,7 @@ pub struct Relief {
     pub map: Arc<HeightMap>,
     /// The texel value of no displacement.
     pub zero: f32,
-    /// Height of a texel step from 0 to 1, in model units.
+    /// Height of a texel step from 0 to 1, in the units of the mesh's positions: see [`Mesh::space`].
     pub scale: f32,
     /// How the map is read outside [0,1); `None`: as the settings say.
     pub wrap: Option<Wrap>,

@@ -300,9 +300,9 @@ impl TryFrom<NumberOrText> for NValue {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct CameraTable {
-    eye: Option<[Number; 3]>,
-    target: Option<[Number; 3]>,
-    up: Option<[Number; 3]>,
+    eye: Option<[Double; 3]>,
+    target: Option<[Double; 3]>,
+    up: Option<[Double; 3]>,
     fov: Option<Fov>,
 }
 
@@ -310,7 +310,7 @@ struct CameraTable {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightTable {
-    position: [Number; 3],
+    position: [Double; 3],
     color: Option<[NotNegative; 3]>,
     intensity: Option<NotNegative>,
 }
@@ -344,8 +344,8 @@ struct ModelTable {
     path: Option<String>,
     builtin: Option<Spanned<String>>,
     material: Option<Spanned<MaterialChoice>>,
-    translate: Option<[Number; 3]>,
-    rotate: Option<[Number; 3]>,
+    translate: Option<[Double; 3]>,
+    rotate: Option<[Double; 3]>,
     scale: Option<Spanned<Scale>>,
 }
 
@@ -354,16 +354,16 @@ struct ModelTable {
 #[serde(deny_unknown_fields)]
 struct InstanceTable {
     model: Spanned<String>,
-    translate: Option<[Number; 3]>,
-    rotate: Option<[Number; 3]>,
+    translate: Option<[Double; 3]>,
+    rotate: Option<[Double; 3]>,
     scale: Option<Spanned<Scale>>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged, expecting = "a number, or three numbers for x, y and z")]
 enum Scale {
-    Uniform(Number),
-    Axes([Number; 3]),
+    Uniform(Double),
+    Axes([Double; 3]),
 }
 
 impl LightTable {
@@ -434,22 +434,22 @@ impl ModelTable {
 /// Scaled along a model's axes, then turned about x, then y, then z, then moved.
 fn transform(
     scale: Option<&Spanned<Scale>>,
-    rotate: Option<[Number; 3]>,
-    translate: Option<[Number; 3]>,
+    rotate: Option<[Double; 3]>,
+    translate: Option<[Double; 3]>,
 ) -> Result<DAffine3, Problem> {
     let factors = match scale.map(Spanned::as_ref) {
         None => DVec3::ONE,
-        Some(Scale::Uniform(factor)) => DVec3::splat(factor.0.into()),
-        Some(&Scale::Axes(axes)) => vector(axes).as_dvec3(),
+        Some(Scale::Uniform(factor)) => DVec3::splat(factor.0),
+        Some(&Scale::Axes(axes)) => vector(axes),
     };
     if let Some(table) = scale
         && factors.cmpeq(DVec3::ZERO).any()
     {
         return Err((table.span().start, SceneFileProblem::ZeroScale));
     }
-    let [x, y, z] = rotate.unwrap_or_default().map(|degrees| f64::from(degrees.0).to_radians());
+    let [x, y, z] = rotate.unwrap_or_default().map(|degrees| degrees.0.to_radians());
     let rotation = DMat3::from_euler(EulerRot::ZYX, z, y, x);
-    let translation = vector(translate.unwrap_or_default()).as_dvec3();
+    let translation = vector(translate.unwrap_or_default());
     Ok(DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(factors), translation))
 }
 
@@ -465,7 +465,7 @@ impl MaterialChoice {
     }
 }
 
-fn vector(numbers: [Number; 3]) -> Vec3 {
+fn vector(numbers: [Double; 3]) -> DVec3 {
     numbers.map(|number| number.0).into()
 }
 
@@ -499,6 +499,8 @@ macro_rules! checked {
 checked! {
     #[doc = "A number that is finite as an `f32`."]
     Number(f32) from "f64" f64: finite, "`{given}` is not finite; write a number such as 0.5";
+    #[doc = "A number with all its digits, finite also as an `f32`."]
+    Double(f64) from "f64" f64: |x| finite(x).map(|_| x), "`{given}` is not finite; write a number such as 0.5";
     #[doc = "A number that is 0 or more."]
     NotNegative(f32) from "f64" f64: |x| finite(x).filter(|x| *x >= 0.0),
         "`{given}` is not a number from 0 on; light is 0 or more";
@@ -568,10 +570,10 @@ mod tests {
         assert_eq!(scene.settings(), expected);
         assert_eq!(background, Some(Vec3::new(0.0, 1.0, grey)));
         let vectors = [view.eye, view.target, view.up].map(Option::unwrap);
-        assert_eq!(vectors, [Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 5.0, 6.5), Vec3::Z]);
+        assert_eq!(vectors, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.5), DVec3::Z]);
         assert_eq!(view.fov, 50.0);
-        let plain = Light { position: Vec3::new(7.0, 8.0, 9.0), color: Vec3::ONE, intensity: None };
-        let second = Light { position: Vec3::ZERO, color: Vec3::new(2.0, 1.0, 0.0), intensity: Some(3.0) };
+        let plain = Light { position: DVec3::new(7.0, 8.0, 9.0), color: Vec3::ONE, intensity: None };
+        let second = Light { position: DVec3::ZERO, color: Vec3::new(2.0, 1.0, 0.0), intensity: Some(3.0) };
         assert_eq!(lights, [plain, second]);
     }
 

@@ -7,6 +7,7 @@ use crate::scene::assembly::{MapSource, MaterialSource};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
 use crate::scene::obj::{ObjModel, load_obj};
+use crate::scene::precise::bounds;
 use crate::scene::scene_file::{MaterialChoice, ModelSource, SceneFile, SceneModel};
 use crate::scene::{Mesh, SceneError};
 use crate::settings::Light;
@@ -23,6 +24,8 @@ pub(super) struct Model {
     /// Where it was read from: itself, and its libraries of materials.
     pub(super) files: Vec<PathBuf>,
     pub(super) mesh: Mesh,
+    /// Parts of it that stand far from that mesh, with origins of their own.
+    pub(super) apart: Vec<Mesh>,
     /// At least one; the mesh's triangles name theirs.
     pub(super) materials: Vec<Described>,
     pub(super) builtin: Option<Recommended>,
@@ -56,8 +59,10 @@ pub(super) fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<
     };
     loaded.places.clone_from(&model.places);
     if model.world_from_model != DAffine3::IDENTITY {
-        let moved = loaded.mesh.transformed(model.world_from_model);
-        loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+        for mesh in std::iter::once(&mut loaded.mesh).chain(&mut loaded.apart) {
+            let moved = mesh.placed(model.world_from_model);
+            *mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+        }
         let matrix = model.world_from_model.matrix3;
         let scale = matrix.x_axis.x;
         if scale <= 0.0 || matrix != DMat3::from_diagonal(DVec3::splat(scale)) {
@@ -94,11 +99,12 @@ pub(super) fn named_by(scene: &SceneFile, line: usize, source: SceneError) -> Sc
 }
 
 fn load_file(path: &Path) -> Result<Model, SceneError> {
-    let ObjModel { mesh, materials, libraries } = load_obj(path)?;
-    let scale = SCALE_SHARE * diagonal(&mesh);
+    let ObjModel { mesh, apart, materials, libraries } = load_obj(path)?;
+    let scale = SCALE_SHARE * diagonal(std::iter::once(&mesh).chain(&apart));
+    std::iter::once(&mesh).chain(&apart).for_each(|mesh| warn_of_place(path, mesh));
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
     let (name, files) = (path.display().to_string(), [vec![path.to_owned()], libraries].concat());
-    Ok(Model { name, files, mesh, materials, builtin: None, turned: None, places: vec![] })
+    Ok(Model { name, files, mesh, apart, materials, builtin: None, turned: None, places: vec![] })
 }
 
 fn load_builtin(name: &str) -> Result<Model, InputError> {
@@ -106,7 +112,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     let BuiltinScene { mesh, height, sideways, color, zero, scale, subdivisions, view, up, lights } =
         builtin::load(name).ok_or_else(unknown)?;
     let light = |light: emboss_kernels::interface::PointLight| Light {
-        position: light.position,
+        position: light.position.as_dvec3(),
         color: light.color,
         intensity: Some(light.intensity),
     };
@@ -140,6 +146,7 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         name: name.to_owned(),
         files: vec![],
         mesh,
+        apart: vec![],
         materials: vec![material],
         builtin: Some(recommended),
         turned: None,
@@ -147,9 +154,27 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     })
 }
 
-/// The diagonal of the mesh's box; 0 for an empty mesh.
+/// Farther from the origin than so many times a mesh's size, doubles have fewer digits of it than its relief needs:
+/// 2^-20 of its size.
+const FARTHEST: f64 = 8_589_934_592.0;
+
+/// One line where the file's numbers cannot have had the digits that the mesh needs.
+fn warn_of_place(path: &Path, mesh: &Mesh) {
+    let far = mesh.space.origin.abs().max_element();
+    let size = diagonal([mesh].into_iter());
+    if far > FARTHEST * f64::from(size) {
+        tracing::warn!(
+            "{}: stands {far:e} from the origin, where double precision has too few digits for a model of size \
+                {size:e}; move it nearer",
+            path.display()
+        );
+    }
+}
+
+/// The diagonal of the box around meshes; 0 where they are empty.
 #[expect(clippy::cast_possible_truncation, reason = "rounded, not cut off")]
-fn diagonal(mesh: &Mesh) -> f32 {
+fn diagonal<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> f32 {
     // In f64: squares of coordinates overflow before the coordinates do.
-    mesh.bounds().map_or(0.0, |(min, max)| min.as_dvec3().distance(max.as_dvec3()) as f32)
+    let corners = meshes.filter_map(Mesh::world_bounds).flat_map(|(min, max)| [min, max]);
+    bounds(corners).map_or(0.0, |(min, max)| min.distance(max) as f32)
 }

@@ -7,8 +7,9 @@
 mod material;
 mod survey;
 
+use super::precise::{PreciseVertex, groups};
 use super::{Mesh, ModelMaterial, SceneError};
-use emboss_kernels::interface::Vertex;
+use glam::{DVec2, DVec3};
 use std::fs;
 use std::path::{Path, PathBuf};
 use survey::Survey;
@@ -16,8 +17,11 @@ use survey::Survey;
 /// What an OBJ file holds.
 #[derive(Clone, Debug)]
 pub struct ObjModel {
-    /// All its objects and groups.
+    /// All its objects and groups, about an origin of its own: see [`Mesh::from_precise`].
     pub mesh: Mesh,
+    /// Parts of it that stand so far from that mesh, and from each other, that they have origins of their own: see
+    /// [`groups`](super::precise::groups).
+    pub apart: Vec<Mesh>,
     /// At least one; triangles name theirs by its index.
     pub materials: Vec<ModelMaterial>,
     /// The files of materials that were read.
@@ -28,8 +32,8 @@ pub struct ObjModel {
 ///
 /// Polygons are cut into a fan from their first corner; that of a concave one may reach outside it. Normals that
 /// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of triangles with corners
-/// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot
-/// be read is a warning.
+/// that coincide applies. Positions and texture coordinates are read in double precision ([`Mesh::from_precise`]). A
+/// face with fewer than three corners counts as dropped, too. A material library that cannot be read is a warning.
 pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
@@ -38,13 +42,15 @@ pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
-    let mut mesh = triangulate(path, &survey.reduce(text), &survey.runs)?;
+    let mut meshes = triangulate(path, &survey.reduce(text), &survey.runs)?.into_iter();
+    let mut mesh = meshes.next().unwrap_or_default();
+    let apart: Vec<Mesh> = meshes.collect();
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
-        return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
+        return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped + mesh.collapsed });
     }
     let (materials, libraries) = material::load(path, &survey);
-    Ok(ObjModel { mesh, materials, libraries })
+    Ok(ObjModel { mesh, apart, materials, libraries })
 }
 
 /// The file as UTF-8.
@@ -57,8 +63,8 @@ fn read_text(path: &Path) -> Result<String, SceneError> {
     })
 }
 
-/// The mesh of a text that [`Survey::reduce`] gave, its triangles of the materials that [`Survey::runs`] tells.
-fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Mesh, SceneError> {
+/// The meshes of a text that [`Survey::reduce`] gave, their triangles of the materials that [`Survey::runs`] tells.
+fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Vec<Mesh>, SceneError> {
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ..Default::default() };
     let no_materials = |_: &Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
@@ -77,19 +83,27 @@ fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Mesh, S
         triangles.len(),
         "a polygon is a fan of two triangles fewer than corners"
     );
-    Ok(Mesh::with_materials(&vertices, triangles.into_iter().zip(materials)))
+    let groups = groups(&vertices, triangles.into_iter().zip(materials));
+    let meshes = groups.into_iter().map(|group| Mesh::from_precise(&vertices, group.into_iter()));
+    let (mut meshes, empty): (Vec<Mesh>, Vec<Mesh>) = meshes.partition(|mesh| !mesh.triangles.is_empty());
+    // What is left out is counted with the first.
+    let mut first = if meshes.is_empty() { Mesh::default() } else { meshes.remove(0) };
+    for Mesh { dropped, collapsed, .. } in empty {
+        (first.dropped, first.collapsed) = (first.dropped + dropped, first.collapsed + collapsed);
+    }
+    meshes.insert(0, first);
+    Ok(meshes)
 }
 
 /// The vertices of a model, each of which has all three attributes.
-fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = Vertex> {
+fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = PreciseVertex> {
     let positions = mesh.positions.as_chunks::<3>().0;
     let texture_coordinates = mesh.texcoords.as_chunks::<2>().0;
     let normals = mesh.normals.as_chunks::<3>().0;
-    positions.iter().zip(texture_coordinates).zip(normals).map(|((&position, &[u, v]), &normal)| Vertex {
+    positions.iter().zip(texture_coordinates).zip(normals).map(|((&position, &uv), &normal)| PreciseVertex {
         position: position.into(),
-        u,
-        normal: normal.into(),
-        v,
+        normal: DVec3::from(normal).as_vec3(),
+        uv: DVec2::from(uv),
     })
 }
 

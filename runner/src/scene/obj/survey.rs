@@ -72,7 +72,7 @@ impl Survey {
         let words: Vec<&str> = data(rest).split_whitespace().collect();
         let weighted = element == Element::Vertex && words.len() == 4;
         let used = if weighted { 4 } else { needed };
-        let numbers: Option<Vec<f32>> = words.iter().take(used).map(|word| word.parse().ok()).collect();
+        let numbers: Option<Vec<f64>> = words.iter().take(used).map(|word| word.parse().ok()).collect();
         let Some(numbers) = numbers.filter(|numbers| numbers.len() == used) else {
             return Err(ObjProblem::Numbers { element, needed, found: data(rest).trim().into() });
         };
@@ -80,7 +80,9 @@ impl Survey {
         if weight == 0.0 {
             return Err(ObjProblem::ZeroWeight);
         }
-        if !numbers[..needed].iter().all(|x| (x / weight).is_finite()) || weight.is_nan() {
+        // Doubles hold more, but what is computed of them is rounded to floats.
+        #[expect(clippy::cast_possible_truncation, reason = "rounded, and checked")]
+        if !numbers[..needed].iter().all(|x| ((x / weight) as f32).is_finite()) || weight.is_nan() {
             return Err(ObjProblem::NotFinite { element });
         }
         self.counts[attribute] += 1;

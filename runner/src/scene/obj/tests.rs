@@ -394,3 +394,28 @@ fn the_monster_frog_loads() {
 fn skip(path: &Path) {
     eprintln!("skipped: {} is not there", path.display());
 }
+
+/// Digits that floats do not have: of a square 0.25 m wide in UTM coordinates, and in degrees; and of texture
+/// coordinates that count metres.
+#[test]
+fn positions_keep_the_digits_of_the_file() {
+    for (x, y, side, u) in [(412_345.125, 5_123_456.75, 0.25, 412_345.0), (11.576_124, 48.137_154, 3e-6, 0.0)]
+    {
+        let corner = |i: f64, j: f64| {
+            format!("v {:.9} {:.9} -7\nvt {} {}\n", x + i * side, y + j * side, u + i / 4.0, u + j / 4.0)
+        };
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(i, j)| corner(i, j)).concat();
+        let mesh = load(corners + "f 1/1 2/2 3/3 4/4\n").unwrap();
+        assert_eq!((mesh.triangles.len(), mesh.dropped, mesh.collapsed), (2, 0, 0));
+        let at = |i: usize| mesh.space.world(mesh.vertices[i].position.as_dvec3());
+        let apart = at(2) - at(0);
+        // Nine digits behind the point, and a float's of what is no farther from the origin than 1.5 sides.
+        assert!(
+            (apart.truncate() - glam::DVec2::splat(side)).abs().max_element() < 1e-9 + side * 2e-7,
+            "{apart}"
+        );
+        assert!(mesh.vertices.iter().all(|v| v.u.abs() <= 2.0 && v.v.abs() <= 2.0), "{:?}", mesh.vertices);
+        assert_eq!(mesh.vertices[1].u - mesh.vertices[0].u, 0.25);
+        assert_eq!((at(0).z, mesh.tiles.is_empty()), (-7.0, u == 0.0));
+    }
+}

@@ -49,7 +49,10 @@ impl Renderer<'_> {
             }
         }
         let base = &self.read.loaded.settings;
-        if read.is_some() || self.wanted.tuning.needs_other_scene(before, base) {
+        let (space, step) = (self.read.loaded.scene.mesh.space, self.job.view_step);
+        let eye = self.wanted.tuning.settings(base, self.wanted.size).view.eye;
+        let is_elsewhere = eye.map_or(space, |eye| space.moved_to(eye, step)) != self.job.space;
+        if read.is_some() || is_elsewhere || self.wanted.tuning.needs_other_scene(before, base) {
             let is_loaded = self.load_or_keep(read, before)?;
             if is_reload && is_loaded {
                 (self.report)(Report::Message("read again, since files have changed".to_owned()));
