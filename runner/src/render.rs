@@ -60,6 +60,8 @@ pub struct Job {
     pub lights: Vec<Light>,
     /// [`Relief::stem`] of each displacement.
     pub stems: Vec<Option<PathBuf>>,
+    /// [`Relief::name`] of each displacement.
+    pub names: Vec<Option<String>>,
 }
 
 impl Job {
@@ -305,6 +307,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     };
     let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
     let stems = reliefs.iter().map(|relief| relief.stem.clone()).collect();
+    let names = reliefs.iter().map(|relief| relief.name.clone()).collect();
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),
@@ -360,7 +363,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         instances,
         ..SceneBuffers::default()
     };
-    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone(), stems })
+    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone(), stems, names })
 }
 
 /// Loads a job, and looks at what the backend makes of it as was asked for: then the job has its camera and lights.
