@@ -13,6 +13,7 @@ mod interrupt;
 mod progress;
 mod quality;
 mod render;
+mod reports;
 mod values;
 mod view;
 

@@ -15,6 +15,7 @@ pub mod instances;
 pub mod normal_maps;
 pub mod picture;
 pub mod render;
+pub mod reports;
 pub mod scene;
 pub mod settings;
 pub mod space;

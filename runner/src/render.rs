@@ -66,6 +66,8 @@ pub struct Job {
     pub lights: Vec<Light>,
     /// [`Relief::stem`] of each displacement.
     pub stems: Vec<Option<PathBuf>>,
+    /// [`Relief::name`] of each displacement.
+    pub names: Vec<Option<String>>,
 }
 
 impl Job {
@@ -319,6 +321,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     };
     let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
     let stems = reliefs.iter().map(|relief| relief.stem.clone()).collect();
+    let names = reliefs.iter().map(|relief| relief.name.clone()).collect();
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),
@@ -375,7 +378,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         ..SceneBuffers::default()
     };
     let (view, lights) = (settings.view, settings.lights.clone());
-    Ok(Job { buffers, space, view_step, frame, features, view, lights, stems })
+    Ok(Job { buffers, space, view_step, frame, features, view, lights, stems, names })
 }
 
 /// Loads a job, and looks at what the backend makes of it as was asked for: then the job has its camera and lights.

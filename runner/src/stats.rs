@@ -4,6 +4,7 @@ use crate::backend::{
     Backend, BuildReport, PipelineCode, distance_maps, is_stored, micro_vertices, tree_primitives,
 };
 use crate::render::{Job, Rendering, Scene};
+use crate::reports::Reports;
 use crate::settings::{DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{BvhNode, FilmPixel, counter};
@@ -54,6 +55,8 @@ pub struct Stats {
     pub work: Work,
     /// What was asked for.
     pub settings: SettingsUsed,
+    /// What may surprise in the picture: nothing as long as it was not looked for.
+    pub warnings: Reports,
 }
 
 /// Bytes of each kind of data.
@@ -218,6 +221,7 @@ impl Stats {
             pipelines: (!pipelines.is_empty()).then_some(pipelines),
             work,
             settings,
+            warnings: Reports::default(),
         }
     }
 

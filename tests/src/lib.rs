@@ -13,6 +13,7 @@ pub mod meshes;
 mod numbers;
 pub mod oracle;
 mod rays;
+pub mod reports;
 pub mod scenes;
 pub mod views;
 

@@ -1,6 +1,7 @@
 //! The arguments of a rendering, which most commands take, and what they come to.
 
 use super::inputs::{self, Inputs, MapArgument, ModelArgument};
+use super::reports::warn_of;
 use super::{CliError, say, values};
 use crate::backend::Backend;
 use crate::backend::select::{BackendChoice, open_backend};
@@ -316,8 +317,9 @@ impl RenderArgs {
         Ok(inputs)
     }
 
-    /// Says what the six arguments are, and what was imported.
+    /// Says what the six arguments are, what was imported, and what of it is there twice.
     pub(super) fn report(&self, inputs: &Inputs) {
+        warn_of(&inputs.repeated.lines);
         if self.quiet {
             return;
         }

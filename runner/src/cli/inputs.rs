@@ -4,7 +4,9 @@ mod choices;
 mod materials;
 mod models;
 
+use super::reports::RepeatedFaces;
 use crate::render::Scene;
+use crate::reports::{repeated_in, repeated_triangles};
 use crate::scene::SceneError;
 use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
 use crate::scene::builtin;
@@ -99,6 +101,10 @@ pub(super) struct Inputs {
     pub(super) files: Vec<PathBuf>,
     /// Maps that materials name and that are not there.
     pub(super) missing: Vec<PathBuf>,
+    /// Whether N is what a built-in scene brings.
+    pub(super) has_own_subdivisions: bool,
+    /// Faces that lie on others.
+    pub(super) repeated: RepeatedFaces,
 }
 
 /// The six arguments cannot be used.
@@ -235,6 +241,14 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
     });
+    let mut repeated = RepeatedFaces::default();
+    for Model { name, mesh, apart, .. } in &models {
+        // Meshes that stand apart share no corner.
+        let meshes = || std::iter::once(mesh).chain(apart);
+        let triangles = meshes().map(|mesh| mesh.triangles.len()).sum();
+        repeated.add_model(name, meshes().map(repeated_triangles).sum(), triangles);
+    }
+    let is_one = models.len() == 1 && models[0].places.len() <= 1;
     let mut assembly = Assembly::new(displacement, channels);
     for Model { mesh, apart, materials, places, .. } in models {
         let ids = materials.iter().map(|material| {
@@ -254,6 +268,9 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         }
     }
     let mut scene = assembly.finish(subdivisions.most());
+    if !is_one {
+        repeated.add_scene(request.scene.map(|scene| scene.path.as_path()), repeated_in(&scene));
+    }
     if !request.cache {
         scene.reliefs.iter_mut().for_each(|relief| relief.stem = None);
     }
@@ -268,6 +285,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         scale,
         files,
         missing,
+        has_own_subdivisions: n_origin == BUILTIN,
+        repeated,
     })
 }
 

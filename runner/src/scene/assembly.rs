@@ -26,6 +26,16 @@ pub enum MapSource<T> {
     },
 }
 
+impl<T> MapSource<T> {
+    /// What users know it by.
+    pub fn name(&self) -> String {
+        match self {
+            MapSource::File(path) => path.display().to_string(),
+            MapSource::Made { name, .. } => name.clone(),
+        }
+    }
+}
+
 /// A material before its files are read.
 #[derive(Clone, Debug)]
 pub struct MaterialSource {
@@ -224,7 +234,12 @@ impl Assembly {
     /// The index of a material's relief, or of the first of its three, added where they are new.
     fn relief(&mut self, source: &MaterialSource) -> Result<u32, SceneError> {
         let &MaterialSource { scale, height_wrap: wrap, .. } = source;
-        let relief = |map: Arc<HeightMap>, zero, scale| Relief { wrap, ..Relief::new(map, zero, scale) };
+        let name = source.height.as_ref().map(MapSource::name);
+        let relief = |map: Arc<HeightMap>, zero, scale| Relief {
+            wrap,
+            name: name.clone(),
+            ..Relief::new(map, zero, scale)
+        };
         let normal_map = source.normal.as_ref().filter(|_| self.kind == DisplacementKind::Height);
         let normal_map = normal_map.map(|normal| self.normal_map(normal)).transpose()?;
         if let (None, Some(_)) = (&source.height, &normal_map) {

@@ -102,6 +102,8 @@ pub struct Relief {
     /// How the names of the files begin that keep what is computed of the map: with its own; `None`: nothing is kept.
     /// See [`distance_files`](crate::distance_files).
     pub stem: Option<PathBuf>,
+    /// What users know the map by: its file, or the built-in scene that made it; `None` where there is no map.
+    pub name: Option<String>,
     /// What `--method normal-map` lights it by; `None`: as the settings say, else by a map that is made from this one.
     pub normal_map: Option<NormalMap>,
 }
@@ -109,7 +111,7 @@ pub struct Relief {
 impl Relief {
     /// A relief that is wrapped as the settings say, of which nothing is kept, and that has no normal map.
     pub fn new(map: impl Into<Arc<HeightMap>>, zero: f32, scale: f32) -> Self {
-        Self { map: map.into(), zero, scale, wrap: None, stem: None, normal_map: None }
+        Self { map: map.into(), zero, scale, wrap: None, stem: None, name: None, normal_map: None }
     }
 }
 

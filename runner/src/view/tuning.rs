@@ -265,7 +265,15 @@ mod tests {
         let reliefs = vec![Relief::new(HeightMap::flat(0.5), 0.5, -0.25)];
         let (mesh, settings) = (Mesh::default(), Settings::default());
         let scene = Scene { mesh, reliefs, materials: vec![], parts: vec![], subdivisions: 1 };
-        Loaded { scene, settings, is_displaced, exaggeration: 0.1, scale: None, files: vec![] }
+        Loaded {
+            scene,
+            settings,
+            is_displaced,
+            exaggeration: 0.1,
+            scale: None,
+            has_own_subdivisions: false,
+            files: vec![],
+        }
     }
 
     #[test]
