@@ -1,6 +1,8 @@
 //! Smooth shading of few base triangles, against a sphere in closed form: facets of the base do not show in normals,
 //! nor in where light ends.
 
+#![expect(clippy::cast_possible_truncation, reason = "rounded to what kernels read")]
+
 use emboss::render::Scene;
 use emboss::scene::{HeightMap, Material, Mesh, Relief};
 use emboss::settings::{DisplacementKind, Light, Method, Normals, Settings};
@@ -80,7 +82,6 @@ fn true_normal(d: DVec3) -> DVec3 {
 }
 
 fn hit_at(primitive: u32, w: DVec3, n: u32) -> Hit {
-    #[expect(clippy::cast_possible_truncation, reason = "rounded")]
     let (alpha, beta) = (w.y as f32, w.z as f32);
     let cell = Cell::containing(alpha, beta, n);
     let [(j0, k0), (j1, k1), (j2, k2)] = [0, 1, 2].map(|e| cell.vertex(e));
@@ -91,7 +92,6 @@ fn hit_at(primitive: u32, w: DVec3, n: u32) -> Hit {
     let determinant = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0);
     let b1 = ((w.y - x0) * (y2 - y0) - (x2 - x0) * (w.z - y0)) / determinant;
     let b2 = ((x1 - x0) * (w.z - y0) - (w.y - x0) * (y1 - y0)) / determinant;
-    #[expect(clippy::cast_possible_truncation, reason = "rounded")]
     let (b1, b2) = (b1 as f32, b2 as f32);
     Hit { t: 0.0, primitive, cell: cell.pack(), b1, b2, instance: 0 }
 }
@@ -314,7 +314,6 @@ fn light_does_not_come_through_a_shell_that_the_lift_reaches_beyond() {
         let Place { direction: d, below: s, .. } = place(&ready, primitive, w);
         let lean = numbers.in_cube().as_dvec3() * 0.3;
         let from = d * (1.0 - s) * 1.008 + lean.reject_from_normalized(d) * 0.02;
-        #[expect(clippy::cast_possible_truncation, reason = "rounded")]
         let (eye, view) = (from.as_vec3(), (d * (1.0 - s) - from).normalize().as_vec3());
         let ray = TraversalRay::new(eye, view, f32::INFINITY);
         let hit = traced(&ready, ray);

@@ -10,6 +10,7 @@ use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
 use crate::scene::builtin;
 use crate::scene::error::SceneFileProblem;
 use crate::scene::scene_file::SceneFile;
+use crate::scene::subdivide::Subdivide;
 use crate::settings::{ChannelOrder, DisplacementKind, Light, Subdivisions, Wrap};
 use crate::stats::agreed;
 use choices::{BUILTIN, Choice, DEFAULT, GIVEN, SCENE_FILE, color_name, map_name, normal_name};
@@ -59,6 +60,8 @@ pub(super) struct Request<'a> {
     /// What the scales of all materials are multiplied by.
     pub(super) exaggeration: f32,
     pub(super) subdivisions: Option<Subdivisions>,
+    /// How all models are subdivided, whatever a scene file says.
+    pub(super) subdivide: Option<Subdivide>,
     pub(super) invert: bool,
     /// `--normal-map`: of all materials.
     pub(super) normal_map: Option<&'a Path>,
@@ -161,9 +164,10 @@ const USUAL_MODEL: &str = "builtin:knot";
 /// Loads what the arguments name, and fills in what they leave out.
 pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut models = match request.scene {
-        None => vec![load_model(request.model)?],
+        None => vec![load_model(request.model, request.subdivide)?],
         Some(scene) => {
-            scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
+            let load = |model| load_scene_model(scene, model, request.subdivide);
+            scene.models.iter().map(load).collect::<Result<_, _>>()?
         }
     };
     if let Some(scene) = request.scene {

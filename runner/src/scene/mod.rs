@@ -10,6 +10,7 @@ mod noise;
 pub mod obj;
 pub mod scene_file;
 pub mod seams;
+pub mod subdivide;
 mod tangents;
 
 use crate::normal_maps::NormalMap;

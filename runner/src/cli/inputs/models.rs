@@ -6,8 +6,9 @@ use super::{InputError, ModelArgument, USUAL_MODEL};
 use crate::scene::assembly::{MapSource, MaterialSource};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
-use crate::scene::obj::{ObjModel, load_obj};
+use crate::scene::obj::{ObjModel, load_obj, load_subdivided_obj};
 use crate::scene::scene_file::{MaterialChoice, ModelSource, SceneFile, SceneModel};
+use crate::scene::subdivide::{Cage, Subdivide};
 use crate::scene::{Mesh, SceneError};
 use crate::settings::Light;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -39,20 +40,30 @@ pub(super) struct Recommended {
     pub(super) lights: Vec<Light>,
 }
 
-pub(super) fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
+pub(super) fn load_model(
+    argument: &ModelArgument,
+    subdivide: Option<Subdivide>,
+) -> Result<Model, InputError> {
     match argument {
-        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path)?),
-        ModelArgument::Builtin(name) => load_builtin(name),
-        ModelArgument::Default => load_builtin(USUAL_MODEL),
+        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path, subdivide)?),
+        ModelArgument::Builtin(name) => load_builtin(name, subdivide),
+        ModelArgument::Default => load_builtin(USUAL_MODEL, subdivide),
     }
 }
 
-/// A model of a scene file in its place, with its materials.
-pub(super) fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, InputError> {
+/// A model of a scene file in its place, with its materials; `subdivide` goes before what the file says.
+pub(super) fn load_scene_model(
+    scene: &SceneFile,
+    model: &SceneModel,
+    subdivide: Option<Subdivide>,
+) -> Result<Model, InputError> {
+    let subdivide = subdivide.or(model.subdivide);
     let wrong = |problem| SceneError::SceneFile { path: scene.path.clone(), line: model.line, problem };
     let mut loaded = match &model.source {
-        ModelSource::Builtin(name) => load_builtin(name)?,
-        ModelSource::File(path) => load_file(path).map_err(|error| named_by(scene, model.line, error))?,
+        ModelSource::Builtin(name) => load_builtin(name, subdivide)?,
+        ModelSource::File(path) => {
+            load_file(path, subdivide).map_err(|error| named_by(scene, model.line, error))?
+        }
     };
     loaded.places.clone_from(&model.places);
     if model.world_from_model != DAffine3::IDENTITY {
@@ -93,18 +104,25 @@ pub(super) fn named_by(scene: &SceneFile, line: usize, source: SceneError) -> Sc
     SceneError::NamedBySceneFile { path: scene.path.clone(), line, source: Box::new(source) }
 }
 
-fn load_file(path: &Path) -> Result<Model, SceneError> {
-    let ObjModel { mesh, materials, libraries } = load_obj(path)?;
+fn load_file(path: &Path, subdivide: Option<Subdivide>) -> Result<Model, SceneError> {
+    let ObjModel { mesh, materials, libraries } = match &subdivide {
+        Some(subdivide) => load_subdivided_obj(path, subdivide)?,
+        None => load_obj(path)?,
+    };
     let scale = SCALE_SHARE * diagonal(&mesh);
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
     let (name, files) = (path.display().to_string(), [vec![path.to_owned()], libraries].concat());
     Ok(Model { name, files, mesh, materials, builtin: None, turned: None, places: vec![] })
 }
 
-fn load_builtin(name: &str) -> Result<Model, InputError> {
+fn load_builtin(name: &str, subdivide: Option<Subdivide>) -> Result<Model, InputError> {
     let unknown = || InputError::UnknownBuiltin { name: name.to_owned() };
     let BuiltinScene { mesh, height, sideways, color, zero, scale, subdivisions, view, up, lights } =
         builtin::load(name).ok_or_else(unknown)?;
+    let mesh = match subdivide {
+        Some(subdivide) if subdivide.levels > 0 => subdivide.mesh(Path::new(name), Cage::of_mesh(&mesh))?,
+        _ => mesh,
+    };
     let light = |light: emboss_kernels::interface::PointLight| Light {
         position: light.position,
         color: light.color,

@@ -5,8 +5,10 @@
 //! reduced to what a mesh needs.
 
 mod material;
+mod polygons;
 mod survey;
 
+use super::subdivide::Subdivide;
 use super::{Mesh, ModelMaterial, SceneError};
 use emboss_kernels::interface::Vertex;
 use std::fs;
@@ -31,6 +33,19 @@ pub struct ObjModel {
 /// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot
 /// be read is a warning.
 pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
+    load(path, None)
+}
+
+/// Loads a model and subdivides it: the polygons as they stand in the file, whose corners at one position are one
+/// vertex, with creases between its smoothing groups. Its normals play no part.
+///
+/// # Errors
+/// As of [`load_obj`]; [`SceneError::TooFine`].
+pub fn load_subdivided_obj(path: &Path, subdivide: &Subdivide) -> Result<ObjModel, SceneError> {
+    load(path, Some(subdivide))
+}
+
+fn load(path: &Path, subdivide: Option<&Subdivide>) -> Result<ObjModel, SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
     let survey =
@@ -38,7 +53,13 @@ pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
-    let mut mesh = triangulate(path, &survey.reduce(text), &survey.runs)?;
+    let reduced = survey.reduce(text);
+    let mut mesh = match subdivide {
+        Some(subdivide) if subdivide.levels > 0 => {
+            subdivide.mesh(path, polygons::read(path, &reduced, &survey.polygons)?)?
+        }
+        _ => triangulate(path, &reduced, &survey.runs)?,
+    };
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
         return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
