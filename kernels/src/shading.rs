@@ -13,6 +13,7 @@ use crate::ray::TraversalRay;
 use crate::relief;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
+use crate::smooth_base::SmoothBase;
 use crate::texture::{ColorTexels, Level};
 use glam::{UVec4, Vec2, Vec3};
 
@@ -26,10 +27,12 @@ pub struct SurfaceInteraction {
     pub point_error: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
-    /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it the displaced surface's
-    /// own ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal on the side
-    /// of `ng`.
+    /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it that of the relief over
+    /// the smooth base ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal
+    /// on the side of `ng`.
     pub ns: Vec3,
+    /// The base there; without [`Features::smooth`] all zero.
+    pub base: SmoothBase,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Index of its [`Material`].
@@ -91,6 +94,7 @@ impl SurfaceInteraction {
             point_error: interpolate(on_triangle.abs(), p[0].abs(), p[1].abs(), p[2].abs()) * gamma(12),
             ng,
             ns,
+            base: SmoothBase::default(),
             uv,
             material: base.material,
             uv_density: sqrt(uv_area / dot(area, n)) / parts,
@@ -100,9 +104,20 @@ impl SurfaceInteraction {
         if method::is_image_space(features.method) {
             surface = relief::surface(scene, features, &field, &base, w, ray, hit, surface);
         }
+        if features.smooth != 0 {
+            let direction = if features.instances != 0 {
+                at(scene.instances, hit.instance).object_vector(ray.direction)
+            } else {
+                ray.direction
+            };
+            surface.base = SmoothBase::new(&base, w, ng, dot(direction, ng) > 0.0);
+        }
         if features.instances != 0 {
             let instance = at(scene.instances, hit.instance);
             surface = surface.placed(&instance);
+            if features.smooth != 0 {
+                surface.base = surface.base.placed(&instance);
+            }
             let area = cross(instance.world_vector(e1), instance.world_vector(e2));
             surface.uv_density = sqrt(uv_area / dot(area, surface.ng).abs()) / parts;
         }
@@ -410,6 +425,7 @@ mod tests {
             point_error: Vec3::new(1e-5, 1e-6, 1e-6),
             ng: Vec3::new(0.6, 0.0, 0.8),
             ns: Vec3::Z,
+            base: SmoothBase::default(),
             uv: Vec2::ZERO,
             material: 0,
             uv_density: 0.0,

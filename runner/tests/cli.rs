@@ -905,11 +905,51 @@ fn a_vector_map_of_one_channel_is_refused() {
         .failed(1, &["grey.png: has one channel", "--displacement height"]);
 }
 
+/// A cube of six quads, each with the whole map.
+fn cube_of_quads() -> String {
+    let mut text = String::new();
+    for i in 0..8 {
+        let side = |bit: i32| if i & bit == 0 { -1 } else { 1 };
+        text += &format!("v {} {} {}\n", side(1), side(2), side(4));
+    }
+    text += "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        text += &format!("f {a}/1 {b}/2 {c}/3 {d}/4\n");
+    }
+    text
+}
+
+/// By the command line, by a scene file, and by the command line in its place; the picture's own command has it.
+#[test]
+fn base_meshes_are_subdivided() {
+    let scene = "[render]\nsubdivide = \"1:loop\"\n[[model]]\npath = \"cube.obj\"\n\
+                 [[model]]\npath = \"cube.obj\"\nsubdivide = 0\ntranslate = [4, 0, 0]\n";
+    let place = Place::new().with("cube.obj", cube_of_quads()).with("scene.toml", scene);
+    for (arguments, triangles) in [
+        (&["cube.obj"][..], 12),
+        (&["cube.obj", "--subdivide=0"], 12),
+        (&["cube.obj", "--subdivide", "2"], 192),
+        (&["cube.obj", "--subdivide=2:loop,crease=30"], 192),
+        (&["scene.toml"], 48 + 12),
+        (&["scene.toml", "--subdivide=1"], 2 * 48),
+        (&["builtin:cube", "--subdivide=1"], 12 * 3 * 2),
+    ] {
+        let stdout = place.render(arguments).succeeded().stdout;
+        assert!(stdout.contains(&format!("Imported {triangles} triangles\n")), "{arguments:?}: {stdout}");
+    }
+    let round = place.texels("out.png");
+    place.render(&["builtin:cube"]).succeeded();
+    assert_ne!(place.texels("out.png"), round);
+    // 48 · 4^9 triangles are a third of what a BVH holds, four times as many are too many.
+    let parts = ["cube.obj: 12 levels", "201326592 triangles of its 6 faces", "at most 10 times"];
+    place.render(&["cube.obj", "--subdivide=12"]).failed(1, &parts);
+}
+
 // What is refused: usage.
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 31] = [
+    let cases: [(&[&str], &str); 33] = [
         (&["-", "-", "-", "-", "-", "0"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -924,6 +964,8 @@ fn impossible_options_are_usage_errors() {
         (&["--eye=1,1,1", "--target=1,1,1"], "--eye and --target are the same point"),
         (&["--fov=180"], "from 0.01 to 179"),
         (&["--method=magic"], "grid-walk"),
+        (&["--subdivide=13"], "write the levels, 0 to 12"),
+        (&["--subdivide=2:lop"], "as 2 or 2:loop"),
         (&["--weld=maybe"], "[possible values: on, off]"),
         (&["--normals=bent"], "[possible values: normalized, linear]"),
         (&["--displacement=up"], "[possible values: height, tangent, object]"),

@@ -10,6 +10,7 @@ use crate::normal_maps::{NormalMap, NormalSpace, OffsetMap};
 use crate::picture::{Destination, PictureFormat};
 use crate::render::check_memory;
 use crate::scene::scene_file::SceneFile;
+use crate::scene::subdivide::Subdivide;
 use crate::settings::{
     ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
@@ -80,6 +81,11 @@ pub(super) struct RenderArgs {
     /// mean FLIP from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
     #[arg(long, value_name = "BUDGET", value_parser = values::flip)]
     pub(super) quality: Option<f32>,
+    /// Subdivide the base mesh before it is displaced: LEVELS times, by Catmull-Clark; after a colon, between commas,
+    /// what differs: loop, crease=DEGREES (edges that are bent by more are creases), edges (corners of open meshes
+    /// become round) [default: the scene file's, else 0]
+    #[arg(long, value_name = "LEVELS[:WORDS]")]
+    pub(super) subdivide: Option<Subdivide>,
     /// Direction in which heights are measured [default: normalized]
     #[arg(long, value_enum)]
     pub(super) normals: Option<Normals>,
@@ -298,6 +304,7 @@ impl RenderArgs {
             scale: self.scale.and_then(values::OrDefault::given),
             exaggeration: self.exaggerate.unwrap_or(1.0),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
+            subdivide: self.subdivide,
             invert: self.invert,
             normal_map: self.normal_map.as_deref(),
             reads_normals,

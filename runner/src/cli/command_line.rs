@@ -36,6 +36,7 @@ impl RenderArgs {
             normal_map,
             normal_space,
             offset_map,
+            subdivide,
             normals,
             weld,
             shade,
@@ -90,6 +91,7 @@ impl RenderArgs {
         if let Some(path) = offset_map {
             line.0.extend(["--offset-map".to_owned(), path_word(path)]);
         }
+        line.option("--subdivide", *subdivide);
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
         line.choice("--shade", *shade);
@@ -268,6 +270,7 @@ mod tests {
              --smooth=off --backend cpu \
              --device=4090 --eye=-1,0.3333333333333333,3e-9 --target=412345.125,2,3 --up=0,0,-1 --fov 20.5 \
              --light=-1,2,3:1,0.5,0:7 --light=1,2,3:1,1,1 --shadows off --exaggerate=-1.5 --displacement height \
+             --subdivide 2:loop,crease=30 \
              --channels=-r+b+g --wrap mirror --filter trilinear --invert --seed 9 --background=0,1,0 \
              --ambient 0.2";
         let args = parsed(&given.split_whitespace().collect::<Vec<_>>());

@@ -6,12 +6,13 @@ mod models;
 
 use super::reports::RepeatedFaces;
 use crate::render::Scene;
-use crate::reports::{repeated_in, repeated_triangles};
+use crate::reports::repeated_in;
 use crate::scene::SceneError;
 use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
 use crate::scene::builtin;
 use crate::scene::error::SceneFileProblem;
 use crate::scene::scene_file::SceneFile;
+use crate::scene::subdivide::Subdivide;
 use crate::settings::{ChannelOrder, DisplacementKind, Light, Subdivisions, Wrap};
 use crate::stats::agreed;
 use choices::{BUILTIN, Choice, DEFAULT, GIVEN, SCENE_FILE, color_name, map_name, normal_name};
@@ -61,6 +62,8 @@ pub(super) struct Request<'a> {
     /// What the scales of all materials are multiplied by.
     pub(super) exaggeration: f32,
     pub(super) subdivisions: Option<Subdivisions>,
+    /// How all models are subdivided, whatever a scene file says.
+    pub(super) subdivide: Option<Subdivide>,
     pub(super) invert: bool,
     /// `--normal-map`: of all materials.
     pub(super) normal_map: Option<&'a Path>,
@@ -167,9 +170,10 @@ const USUAL_MODEL: &str = "builtin:knot";
 /// Loads what the arguments name, and fills in what they leave out.
 pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut models = match request.scene {
-        None => vec![load_model(request.model)?],
+        None => vec![load_model(request.model, request.subdivide)?],
         Some(scene) => {
-            scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
+            let load = |model| load_scene_model(scene, model, request.subdivide);
+            scene.models.iter().map(load).collect::<Result<_, _>>()?
         }
     };
     if let Some(scene) = request.scene {
@@ -242,11 +246,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
     });
     let mut repeated = RepeatedFaces::default();
-    for Model { name, mesh, apart, .. } in &models {
-        // Meshes that stand apart share no corner.
-        let meshes = || std::iter::once(mesh).chain(apart);
-        let triangles = meshes().map(|mesh| mesh.triangles.len()).sum();
-        repeated.add_model(name, meshes().map(repeated_triangles).sum(), triangles);
+    for Model { name, repeats, .. } in &models {
+        repeated.add_model(name, repeats.repeated, repeats.triangles);
     }
     let is_one = models.len() == 1 && models[0].places.len() <= 1;
     let mut assembly = Assembly::new(displacement, channels);

@@ -11,6 +11,7 @@ pub mod obj;
 pub mod precise;
 pub mod scene_file;
 pub mod seams;
+pub mod subdivide;
 mod tangents;
 
 use crate::normal_maps::NormalMap;

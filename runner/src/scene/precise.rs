@@ -55,6 +55,25 @@ impl Mesh {
         Mesh { dropped, collapsed, space: RenderSpace { origin, exponent: 0 }, ..mesh }
     }
 
+    /// [`from_precise`](Self::from_precise) of each of the [`groups`] that the triangles are in, at least one mesh; what
+    /// is left out of groups that come to nothing is counted with the first.
+    pub fn apart_from_precise(
+        vertices: &[PreciseVertex],
+        triangles: impl Iterator<Item = ([u32; 3], u32)>,
+    ) -> Vec<Mesh> {
+        let groups = groups(vertices, triangles);
+        let meshes = groups.into_iter().map(|group| Mesh::from_precise(vertices, group.into_iter()));
+        let (mut meshes, empty): (Vec<Mesh>, Vec<Mesh>) = meshes.partition(|mesh| !mesh.triangles.is_empty());
+        if meshes.is_empty() {
+            meshes.push(Mesh::default());
+        }
+        for Mesh { dropped, collapsed, .. } in empty {
+            meshes[0].dropped += dropped;
+            meshes[0].collapsed += collapsed;
+        }
+        meshes
+    }
+
     /// The mesh in another place, about an origin that it has there; `None` as of [`Mesh::transformed`].
     pub fn placed(&self, world_from_model: DAffine3) -> Option<Mesh> {
         let world =

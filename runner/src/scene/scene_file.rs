@@ -3,6 +3,7 @@
 
 use super::SceneError;
 use super::error::SceneFileProblem;
+use super::subdivide::{NoSubdivision, Subdivide};
 use crate::instances;
 use crate::normal_maps::NormalSpace;
 use crate::picture::linear_from_srgb;
@@ -81,6 +82,8 @@ pub struct SceneModel {
     pub source: ModelSource,
     /// Its materials.
     pub materials: MaterialChoice,
+    /// How it is subdivided.
+    pub subdivide: Option<Subdivide>,
     /// Where it stands; of instances how it is before they place it.
     pub world_from_model: DAffine3,
     /// Where its instances stand; none: it stands once.
@@ -172,6 +175,7 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
         (error.span().map_or(0, |span| span.start), SceneFileProblem::Toml { message })
     })?;
     let Document { render, camera, light, material, model, instance } = document;
+    let usual_subdivide = render.subdivide.map(|subdivide| subdivide.0);
     let sides = [(render.width, Settings::default().width), (render.height, Settings::default().height)];
     let [width, height] = sides.map(|(side, usual)| u64::from(side.map_or(usual, |side| side.0)));
     if width * height > u32::MAX.into() {
@@ -200,7 +204,8 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
             return Err((at, SceneFileProblem::TwoModels { name: name.as_ref().clone() }));
         }
         names.push(name.map(Spanned::into_inner));
-        models.push(table.model(folder, at, line(at), &materials)?);
+        let model = table.model(folder, at, line(at), &materials)?;
+        models.push(SceneModel { subdivide: model.subdivide.or(usual_subdivide), ..model });
     }
     for table in instance {
         let at = table.span().start;
@@ -259,6 +264,7 @@ struct RenderTable {
     height: Option<Side>,
     samples: Option<Samples>,
     n: Option<NValue>,
+    subdivide: Option<SubdivideValue>,
     method: Option<Method>,
     displacement: Option<DisplacementKind>,
     channels: Option<ChannelOrder>,
@@ -293,6 +299,29 @@ impl TryFrom<NumberOrText> for NValue {
             NumberOrText::Text(text) => text.parse(),
         }
         .map(NValue)
+    }
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "LevelsOrText")]
+struct SubdivideValue(Subdivide);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "levels from 0 to 12, or a text such as \"2:loop,crease=30\"")]
+enum LevelsOrText {
+    Levels(i64),
+    Text(String),
+}
+
+impl TryFrom<LevelsOrText> for SubdivideValue {
+    type Error = NoSubdivision;
+
+    fn try_from(given: LevelsOrText) -> Result<Self, NoSubdivision> {
+        match given {
+            LevelsOrText::Levels(levels) => levels.to_string().parse(),
+            LevelsOrText::Text(text) => text.parse(),
+        }
+        .map(SubdivideValue)
     }
 }
 
@@ -344,6 +373,7 @@ struct ModelTable {
     path: Option<String>,
     builtin: Option<Spanned<String>>,
     material: Option<Spanned<MaterialChoice>>,
+    subdivide: Option<SubdivideValue>,
     translate: Option<[Double; 3]>,
     rotate: Option<[Double; 3]>,
     scale: Option<Spanned<Scale>>,
@@ -427,7 +457,8 @@ impl ModelTable {
             let known = materials.keys().cloned().collect();
             return Err((at, SceneFileProblem::UnknownMaterial { name: name.to_owned(), known }));
         }
-        Ok(SceneModel { line, source, materials: choice, world_from_model, places: Vec::new() })
+        let subdivide = self.subdivide.map(|subdivide| subdivide.0);
+        Ok(SceneModel { line, source, materials: choice, subdivide, world_from_model, places: Vec::new() })
     }
 }
 
@@ -584,6 +615,26 @@ mod tests {
         assert_eq!((scene.samples, scene.subdivisions, scene.models[0].line), (None, None, 1));
         assert_eq!(scene.models[0].world_from_model, DAffine3::IDENTITY);
         assert_eq!(scene.models[0].materials, MaterialChoice::Own);
+        assert_eq!(scene.models[0].subdivide, None);
+    }
+
+    #[test]
+    fn models_are_subdivided_as_they_say_else_as_the_picture_says() {
+        let scene = parsed(&format!(
+            "[render]\nsubdivide = 2\n{CUBE}{CUBE}subdivide = 0\n{CUBE}subdivide = \"3:loop,crease=30\"\n"
+        ));
+        let texts: Vec<_> = scene
+            .models
+            .iter()
+            .map(|model| model.subdivide.map(|s| s.to_string()).unwrap_or_default())
+            .collect();
+        assert_eq!(texts, ["2", "0", "3:loop,crease=30"]);
+        for bad in ["-1", "13", "\"2:lop\"", "2.5", "true"] {
+            let (_, problem) =
+                parse(Path::new(""), &format!("{CUBE}subdivide = {bad}\n")).expect_err("no subdivision");
+            let message = problem.to_string();
+            assert!(message.contains("levels") && message.contains("2:loop"), "{bad}: {message}");
+        }
     }
 
     #[test]

@@ -5,9 +5,11 @@
 //! reduced to what a mesh needs.
 
 mod material;
+mod polygons;
 mod survey;
 
-use super::precise::{PreciseVertex, groups};
+use super::precise::PreciseVertex;
+use super::subdivide::Subdivide;
 use super::{Mesh, ModelMaterial, SceneError};
 use glam::{DVec2, DVec3};
 use std::fs;
@@ -22,6 +24,8 @@ pub struct ObjModel {
     /// Parts of it that stand so far from that mesh, and from each other, that they have origins of their own: see
     /// [`groups`](super::precise::groups).
     pub apart: Vec<Mesh>,
+    /// All these before they were subdivided; empty where they were not.
+    pub control: Vec<Mesh>,
     /// At least one; triangles name theirs by its index.
     pub materials: Vec<ModelMaterial>,
     /// The files of materials that were read.
@@ -35,6 +39,19 @@ pub struct ObjModel {
 /// that coincide applies. Positions and texture coordinates are read in double precision ([`Mesh::from_precise`]). A
 /// face with fewer than three corners counts as dropped, too. A material library that cannot be read is a warning.
 pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
+    load(path, None)
+}
+
+/// Loads a model and subdivides it: the polygons as they stand in the file, whose corners at one position are one
+/// vertex, with creases between its smoothing groups. Its normals play no part.
+///
+/// # Errors
+/// As of [`load_obj`]; [`SceneError::TooFine`].
+pub fn load_subdivided_obj(path: &Path, subdivide: &Subdivide) -> Result<ObjModel, SceneError> {
+    load(path, Some(subdivide))
+}
+
+fn load(path: &Path, subdivide: Option<&Subdivide>) -> Result<ObjModel, SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
     let survey =
@@ -42,15 +59,23 @@ pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
-    let mut meshes = triangulate(path, &survey.reduce(text), &survey.runs)?.into_iter();
-    let mut mesh = meshes.next().unwrap_or_default();
-    let apart: Vec<Mesh> = meshes.collect();
+    let reduced = survey.reduce(text);
+    let cut = || triangulate(path, &reduced, &survey.runs);
+    let (mut meshes, control) = match subdivide {
+        Some(subdivide) if subdivide.levels > 0 => {
+            let cage = polygons::read(path, &reduced, &survey.polygons)?;
+            (subdivide.meshes(path, cage)?, cut()?)
+        }
+        _ => (cut()?, Vec::new()),
+    };
+    let mut mesh = meshes.remove(0);
+    let apart = meshes;
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
         return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped + mesh.collapsed });
     }
     let (materials, libraries) = material::load(path, &survey);
-    Ok(ObjModel { mesh, apart, materials, libraries })
+    Ok(ObjModel { mesh, apart, control, materials, libraries })
 }
 
 /// The file as UTF-8.
@@ -83,16 +108,7 @@ fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Vec<Mes
         triangles.len(),
         "a polygon is a fan of two triangles fewer than corners"
     );
-    let groups = groups(&vertices, triangles.into_iter().zip(materials));
-    let meshes = groups.into_iter().map(|group| Mesh::from_precise(&vertices, group.into_iter()));
-    let (mut meshes, empty): (Vec<Mesh>, Vec<Mesh>) = meshes.partition(|mesh| !mesh.triangles.is_empty());
-    // What is left out is counted with the first.
-    let mut first = if meshes.is_empty() { Mesh::default() } else { meshes.remove(0) };
-    for Mesh { dropped, collapsed, .. } in empty {
-        (first.dropped, first.collapsed) = (first.dropped + dropped, first.collapsed + collapsed);
-    }
-    meshes.insert(0, first);
-    Ok(meshes)
+    Ok(Mesh::apart_from_precise(&vertices, triangles.into_iter().zip(materials)))
 }
 
 /// The vertices of a model, each of which has all three attributes.
