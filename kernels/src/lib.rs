@@ -40,6 +40,7 @@ pub mod render;
 pub mod sampler;
 pub mod scene;
 pub mod shading;
+pub mod smooth_base;
 #[cfg(test)]
 mod test_scene;
 pub mod texture;

@@ -3,11 +3,12 @@
 use crate::counters::Counts;
 use crate::hit::Hit;
 use crate::interface::{Frame, PointLight, method, shade};
-use crate::math::{at, dot, sqrt};
+use crate::math::{at, dot, gamma, max_abs, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::scene::{Features, SceneView};
 use crate::shading::SurfaceInteraction;
+use crate::smooth_base::SmoothBase;
 use glam::{Vec2, Vec3};
 
 /// What a sample shows: a colour times the light that reaches it, summed up light after light.
@@ -18,7 +19,9 @@ use glam::{Vec2, Vec3};
 ///
 /// The light is Lambert's and ambient, on a two-sided surface: ambient + the sum over lights of I / d² cos. The
 /// viewer's side is that of the micro-triangle, and a light on its other side gives nothing, whatever the shading
-/// normal.
+/// normal; but for [smooth bases](SmoothBase), where the micro-triangle counts as if it stood on the smooth surface,
+/// and its light is looked for from there, by two rays: up to the smooth surface, and from there to the light. Where
+/// both are free, light and viewer are on one side of whatever the mesh encloses.
 ///
 /// All of it takes registers while shadow rays are traced, so it is little: what a light gives is computed again once
 /// its shadow ray has come through.
@@ -45,6 +48,21 @@ pub struct DirectLighting {
     ng: Vec3,
     /// Unit normal that light is reflected by, turned as `ng` is.
     ns: Vec3,
+    /// The base, turned as `ng` is; its lift is zero where it is within the point's error, or behind `ng`.
+    base: SmoothBase,
+    /// What the shadow ray that was asked for last is.
+    way: Way,
+}
+
+/// A part of the way from a hit to a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    /// From the hit to the light.
+    Direct,
+    /// From the hit along the lift.
+    Rising,
+    /// From where the lift led to the light.
+    Lifted,
 }
 
 impl DirectLighting {
@@ -63,6 +81,8 @@ impl DirectLighting {
             seen: 1.0,
             ng: Vec3::ZERO,
             ns: Vec3::ZERO,
+            base: SmoothBase::default(),
+            way: Way::Direct,
         }
     }
 
@@ -79,6 +99,11 @@ impl DirectLighting {
         let behind = dot(ray.direction, surface.ng) > 0.0;
         let (ng, ns) = if behind { (-surface.ng, -surface.ns) } else { (surface.ng, surface.ns) };
         let origin = surface.spawn_origin(ng);
+        let mut base = surface.base.turned(behind);
+        // Negated so that NaN counts.
+        if features.smooth != 0 && !(dot(base.lift, ng) > dot(ng.abs(), surface.point_error)) {
+            base.lift = Vec3::ZERO;
+        }
         DirectLighting {
             color: albedo,
             light: Vec3::splat(frame.ambient),
@@ -91,11 +116,13 @@ impl DirectLighting {
             seen: 1.0,
             ng,
             ns,
+            base,
+            way: Way::Direct,
         }
     }
 
-    /// Adds the lights that need no shadow ray, up to the next one that does: the ray towards that, and whether there
-    /// is one.
+    /// Adds the lights that need no shadow ray, up to the next one that does: the ray towards that, or the first of two
+    /// on the way to it, and whether there is one.
     #[inline]
     pub fn next_shadow_ray(
         &mut self,
@@ -105,6 +132,11 @@ impl DirectLighting {
     ) -> (TraversalRay, bool) {
         let mut light = Vec3::ZERO;
         let mut found = false;
+        let goes_on = features.smooth != 0 && self.way == Way::Lifted;
+        if goes_on {
+            light = at(scene.lights, self.next_light - 1).position;
+            found = true;
+        }
         let is_lit = features.shade == shade::LIT || features.shade == shade::ERROR;
         while is_lit && !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
@@ -122,19 +154,50 @@ impl DirectLighting {
             self.next_light += 1;
         }
         counts.shadow_rays += found as u32;
-        let toward = light - self.origin;
-        let distance = toward.length();
-        (TraversalRay::new(self.origin, toward / distance, distance).leaving(self.hit, self.ng), found)
+        let ray = if features.smooth == 0 {
+            ray_between(self.origin, light, 0.0).leaving(self.hit, self.ng)
+        } else {
+            self.smooth_shadow_ray(light, goes_on)
+        };
+        (ray, found)
+    }
+
+    /// The ray towards `light`, or along the lift where that comes first; `goes_on`: the lift is behind it.
+    #[inline]
+    fn smooth_shadow_ray(&mut self, light: Vec3, goes_on: bool) -> TraversalRay {
+        // By the share of the way that `cosine` asked for.
+        let wi = unit(light - self.shown);
+        let share = self.base.raised(wi);
+        let raised = self.origin + self.base.lift * share;
+        let rises = share > 0.0 && !goes_on;
+        let start = if goes_on { raised } else { self.origin };
+        let end = if rises { raised } else { light };
+        self.way = if rises {
+            Way::Rising
+        } else if goes_on {
+            Way::Lifted
+        } else {
+            Way::Direct
+        };
+        // The second ray starts where the first one ends. Rounding may end that before: by what a coordinate of the
+        // start, of the way and of their sum is rounded by, and as much of the way for its direction and length.
+        let slack = if rises { gamma(8) * (max_abs(raised) + max_abs(self.origin)) } else { 0.0 };
+        let ray = ray_between(start, end, slack);
+        // Light from behind the micro-triangle has to pass it.
+        let leaves = rises || dot(wi, self.ng) > 0.0;
+        if leaves { ray.leaving(self.hit, self.ng) } else { ray }
     }
 
     /// Takes what the last shadow ray met.
     #[inline]
     pub fn add_unless_occluded(&mut self, scene: &SceneView<'_>, features: Features, met: Hit) {
-        if !met.is_some() {
+        let rose = features.smooth != 0 && self.way == Way::Rising;
+        if !met.is_some() && !rose {
             let source = at(scene.lights, self.next_light - 1);
             let cosine = self.cosine(features, source.position - self.shown);
             self.add(&source, cosine);
         }
+        self.way = if rose && !met.is_some() { Way::Lifted } else { Way::Direct };
     }
 
     /// Adds a light that reaches the surface.
@@ -149,13 +212,34 @@ impl DirectLighting {
     fn cosine(&self, features: Features, toward: Vec3) -> f32 {
         let wi = toward / sqrt(toward.dot(toward));
         let geometric = wi.dot(self.ng);
-        if method::is_image_space(features.method) {
+        let shading = wi.dot(self.ns);
+        if features.smooth != 0 {
+            self.smooth_cosine(features, wi, geometric, shading)
+        } else if method::is_image_space(features.method) {
             // What is behind the base triangle gives it no light either.
-            if geometric > 0.0 { wi.dot(self.ns) } else { 0.0 }
-        } else if features.smooth == 0 || !(geometric > 0.0) {
-            geometric
+            if geometric > 0.0 { shading } else { 0.0 }
         } else {
-            softened_cosine(geometric, wi.dot(self.ns), self.ng.dot(self.ns))
+            geometric
+        }
+    }
+
+    /// The same where shading is smooth: `wi` is a unit vector, `geometric` and `shading` are its cosines at `ng` and
+    /// `ns`.
+    ///
+    /// Light is in front where it is for the micro-triangle as it would stand on the smooth base, and also for the
+    /// micro-triangle itself, unless the base has a lift for it.
+    #[inline]
+    fn smooth_cosine(&self, features: Features, wi: Vec3, geometric: f32, shading: f32) -> f32 {
+        let smoothed = self.base.smoothed(self.ng);
+        let on_smooth = wi.dot(smoothed);
+        let is_less = geometric < on_smooth && !(self.base.raised(wi) > 0.0);
+        let front = if is_less { geometric } else { on_smooth };
+        if !(front > 0.0) {
+            0.0
+        } else if method::is_image_space(features.method) {
+            shading
+        } else {
+            softened_cosine(front, shading, smoothed.dot(self.ns))
         }
     }
 
@@ -166,6 +250,14 @@ impl DirectLighting {
     }
 }
 
+/// The ray from `start` to `end`, and `slack` farther.
+#[inline]
+fn ray_between(start: Vec3, end: Vec3, slack: f32) -> TraversalRay {
+    let toward = end - start;
+    let distance = toward.length();
+    TraversalRay::new(start, toward / distance, distance + slack)
+}
+
 /// Lambert's cosine at the shading normal, brought down to 0 towards where light begins to come from behind the flat
 /// micro-triangle: without that, a micro-triangle would be lit up to there and black beyond, and show its outline.
 ///
@@ -173,7 +265,8 @@ impl DirectLighting {
 /// G = min(1, (ng·wi) / ((ns·wi) (ng·ns))) it is G + G² - G³, which has the slope 0 where it meets 1. The paper takes
 /// ng·ns above 0; where it is not, the product is not above `geometric` either, and G is 1.
 ///
-/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns. The result is at most `shading`, and not
+/// `geometric` is ng·wi, above 0; `shading` is ns·wi, `between` is ng·ns; ng is that of the micro-triangle as it would
+/// stand on the smooth base. The result is at most `shading`, and not
 /// above 0 where that is not.
 #[inline]
 fn softened_cosine(geometric: f32, shading: f32, between: f32) -> f32 {

@@ -13,6 +13,7 @@ use crate::ray::TraversalRay;
 use crate::relief;
 use crate::sampler::pcg4d;
 use crate::scene::{Features, SceneView};
+use crate::smooth_base::SmoothBase;
 use crate::texture::{ColorTexels, Level};
 use glam::{UVec4, Vec2, Vec3};
 
@@ -30,10 +31,12 @@ pub struct SurfaceInteraction {
     pub inner_point: Vec3,
     /// Unit geometric normal, to the outside of the base mesh.
     pub ng: Vec3,
-    /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it the displaced surface's
-    /// own ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal on the side
-    /// of `ng`.
+    /// Unit normal that light is reflected by. Without [`Features::smooth`] it is `ng`; with it that of the relief over
+    /// the smooth base ([`BaseTriangle::shading_normal`]), or where nothing is displaced the interpolated vertex normal
+    /// on the side of `ng`.
     pub ns: Vec3,
+    /// The base there; without [`Features::smooth`] all zero.
+    pub base: SmoothBase,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Index of its [`Material`].
@@ -104,6 +107,7 @@ impl SurfaceInteraction {
             inner_point: Vec3::ZERO,
             ng,
             ns,
+            base: SmoothBase::default(),
             uv,
             material: base.material,
             uv_density: sqrt(uv_area / dot(area, n)) / parts,
@@ -113,10 +117,21 @@ impl SurfaceInteraction {
         if method::is_image_space(features.method) {
             surface = relief::surface(scene, features, &field, &base, w, ray, hit, surface);
         }
+        if features.smooth != 0 {
+            let direction = if features.instances != 0 {
+                at(scene.instances, hit.instance).object_vector(ray.direction)
+            } else {
+                ray.direction
+            };
+            surface.base = SmoothBase::new(&base, w, ng, dot(direction, ng) > 0.0);
+        }
         let (mut side1, mut side2, mut area) = (e1, e2, dot(area, n));
         if features.instances != 0 {
             let instance = at(scene.instances, hit.instance);
             surface = surface.placed(&instance);
+            if features.smooth != 0 {
+                surface.base = surface.base.placed(&instance);
+            }
             (side1, side2) = (instance.world_vector(e1), instance.world_vector(e2));
             area = dot(cross(side1, side2), surface.ng).abs();
             surface.uv_density = sqrt(uv_area / area) / parts;
@@ -463,6 +478,7 @@ mod tests {
             point_error: Vec3::new(1e-5, 1e-6, 1e-6),
             ng: Vec3::new(0.6, 0.0, 0.8),
             ns: Vec3::Z,
+            base: SmoothBase::default(),
             uv: Vec2::ZERO,
             material: 0,
             uv_density: 0.0,

@@ -14,6 +14,7 @@ mod interrupt;
 mod progress;
 mod quality;
 mod render;
+mod reports;
 mod trace;
 mod values;
 mod view;
@@ -163,7 +164,7 @@ mod tests {
     use crate::settings::Subdivisions;
     use crate::view::ViewError;
     use clap::CommandFactory;
-    use glam::Vec3;
+    use glam::DVec3;
 
     #[test]
     fn the_definition_is_consistent() {
@@ -199,7 +200,7 @@ mod tests {
     #[test]
     fn vectors_may_start_with_a_minus() {
         let args = parsed(&["emboss", "render", "--eye", "-1,2,3", "--light", "-1,0,0:1,1,0:5"]);
-        assert_eq!(args.eye, Some(Vec3::new(-1.0, 2.0, 3.0)));
+        assert_eq!(args.eye, Some(DVec3::new(-1.0, 2.0, 3.0)));
         assert_eq!(args.lights[0].intensity, Some(5.0));
     }
 

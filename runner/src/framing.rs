@@ -1,6 +1,7 @@
 //! Where the camera and the light stand when the user does not say.
 
 use crate::bvh::HostAabb;
+use crate::space::RenderSpace;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::{Camera, PointLight};
 use glam::{DVec3, Vec3};
@@ -14,12 +15,12 @@ const NOTHING: Aabb = Aabb { min: Vec3::ZERO, max: Vec3::ZERO };
 /// What the user asked of the view; the rest is chosen so that the whole model is in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Where the camera is.
-    pub eye: Option<Vec3>,
-    /// What is in the middle of the picture.
-    pub target: Option<Vec3>,
+    /// Where the camera is, in world units.
+    pub eye: Option<DVec3>,
+    /// What is in the middle of the picture, in world units.
+    pub target: Option<DVec3>,
     /// What is up in the picture.
-    pub up: Option<Vec3>,
+    pub up: Option<DVec3>,
     /// Angle between the picture's upper and lower edge, in degrees, above 0 and below 180.
     pub fov: f32,
     /// From the model towards the camera: used without an eye. Not zero.
@@ -56,29 +57,43 @@ impl Default for View {
 pub enum FramingError {
     /// The eye is at the target.
     #[error("--eye and --target are the same point ({0}); move one of them")]
-    EyeAtTarget(Vec3),
+    EyeAtTarget(DVec3),
     /// No side of the picture is up.
     #[error("--up {0} points along the view; choose another direction")]
-    UpAlongView(Vec3),
+    UpAlongView(DVec3),
     /// The model's coordinates are so large that the camera's overflow.
     #[error(
         "the model reaches from {min} to {max}, too far to be framed; scale it down, or give --eye and --target"
     )]
     TooLarge {
-        /// Lower corner of its box.
-        min: Vec3,
+        /// Lower corner of its box, in world units.
+        min: DVec3,
         /// Upper corner.
-        max: Vec3,
+        max: DVec3,
     },
 }
 
-/// A camera and what it looks at.
+/// A camera and what it looks at, in render space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
     /// The camera.
     pub camera: Camera,
     /// A point in the middle of the picture, on the model's middle plane unless the user chose it.
     pub target: Vec3,
+    /// The render space.
+    pub space: RenderSpace,
+}
+
+impl Framing {
+    /// Where the camera is in the world.
+    pub fn world_eye(&self) -> DVec3 {
+        self.space.world(self.camera.eye.as_dvec3())
+    }
+
+    /// The target in the world.
+    pub fn world_target(&self) -> DVec3 {
+        self.space.world(self.target.as_dvec3())
+    }
 }
 
 /// [`Frame::detail`](emboss_kernels::interface::Frame::detail) with which a micro-triangle covers no more than
@@ -101,46 +116,51 @@ pub fn detail(view: &View, width: u32, height: u32, pixels: f32) -> f32 {
 
 /// The camera of a view onto a model that lies in `boxes`, on a film `aspect` times as wide as high. Without boxes
 /// it looks at the origin. Many small boxes around the parts of a model fit closer than one around all of it.
-pub fn frame(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, FramingError> {
+///
+/// Boxes and camera are in render space: what the view says is taken there in double precision, and rounded last.
+pub fn frame(view: &View, boxes: &[Aabb], aspect: f64, space: &RenderSpace) -> Result<Framing, FramingError> {
     let Aabb { min, max } = boxes.iter().copied().reduce(Aabb::union).unwrap_or(NOTHING);
     let center = (min.as_dvec3() + max.as_dvec3()) * 0.5;
-    let forward = match (view.eye, view.target) {
+    let (given_eye, given_target) = (view.eye.map(|p| space.point(p)), view.target.map(|p| space.point(p)));
+    let forward = match (given_eye, given_target) {
         (Some(eye), target) => {
-            let target = target.map_or(center, |target| target.as_dvec3());
-            (target - eye.as_dvec3()).try_normalize().ok_or(FramingError::EyeAtTarget(eye))?
+            let at_target = FramingError::EyeAtTarget(view.eye.unwrap_or_default());
+            (target.unwrap_or(center) - eye).try_normalize().ok_or(at_target)?
         }
         (None, _) => -view.from.as_dvec3().normalize_or(DVec3::Z),
     };
     let (right, up) = screen_axes(forward, view)?;
     let half_height = (f64::from(view.fov).to_radians() * 0.5).tan();
     let axes = Axes { right, up, forward, half_width: half_height * aspect, half_height };
-    let eye = match (view.eye, view.target) {
-        (Some(eye), _) => eye.as_dvec3(),
+    let eye = match (given_eye, given_target) {
+        (Some(eye), _) => eye,
         (None, None) => center + axes.fit(boxes, center),
         // The distance of the fit, but with the target in the middle.
-        (None, Some(target)) => target.as_dvec3() + forward * axes.fit(boxes, center).dot(forward),
+        (None, Some(target)) => target + forward * axes.fit(boxes, center).dot(forward),
     };
-    let target = view.target.map_or(eye + forward * (center - eye).dot(forward), |target| target.as_dvec3());
+    let target = given_target.unwrap_or(eye + forward * (center - eye).dot(forward)).as_vec3();
     let camera = axes.camera(eye);
-    let finite = [camera.eye, camera.right, camera.up, camera.forward, target.as_vec3()];
+    let finite = [camera.eye, camera.right, camera.up, camera.forward, target];
     if finite.iter().all(|v| v.is_finite()) {
-        Ok(Framing { camera, target: target.as_vec3() })
+        Ok(Framing { camera, target, space: *space })
     } else {
+        let [min, max] = [min, max].map(|corner| space.world(corner.as_dvec3()));
         Err(FramingError::TooLarge { min, max })
     }
 }
 
-/// The light of a scene that names none: white, over the viewer's left shoulder, at one and a half times the
-/// viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1: a white
-/// one looks white.
+/// The light of a scene that names none, in render space: white, over the viewer's left shoulder, at one and a half
+/// times the viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1: a
+/// white one looks white.
 pub fn key_light(framing: &Framing) -> PointLight {
-    let Framing { camera, target } = framing;
+    let Framing { camera, target, .. } = framing;
     let shoulder = 0.6 * camera.up.normalize() - 0.7 * camera.right.normalize() - camera.forward;
     let position = *target + shoulder.normalize() * (1.5 * camera.eye.distance(*target));
     PointLight { position, color: Vec3::ONE, intensity: intensity_for(position, *target), padding: 0 }
 }
 
-/// The intensity with which a light at `position` gives full light, the irradiance 1, at `target`.
+/// The intensity with which a light at `position` gives full light, the irradiance 1, at `target`, in the space that
+/// these are in.
 pub fn intensity_for(position: Vec3, target: Vec3) -> f32 {
     position.distance_squared(target)
 }
@@ -193,14 +213,16 @@ impl Axes {
 /// The unit vectors to the right and upwards in a picture with the view direction `forward`. Where the usual up is
 /// the view direction itself, -Z is up, as on a map, or Y.
 fn screen_axes(forward: DVec3, view: &View) -> Result<(DVec3, DVec3), FramingError> {
-    let right = |up: Vec3| {
-        let across = forward.cross(up.as_dvec3().normalize_or_zero());
+    let right = |up: DVec3| {
+        let across = forward.cross(up.normalize_or_zero());
         // Nearly parallel vectors leave a cross product of rounding errors only.
         (across.length() > 1e-6).then(|| across.normalize())
     };
     let right = match view.up {
         Some(up) => right(up).ok_or(FramingError::UpAlongView(up))?,
-        None => [view.usual_up, Vec3::NEG_Z, Vec3::Y].into_iter().find_map(right).unwrap_or(DVec3::X),
+        None => {
+            [view.usual_up.as_dvec3(), DVec3::NEG_Z, DVec3::Y].into_iter().find_map(right).unwrap_or(DVec3::X)
+        }
     };
     Ok((right, right.cross(forward)))
 }
@@ -208,6 +230,10 @@ fn screen_axes(forward: DVec3, view: &View) -> Result<(DVec3, DVec3), FramingErr
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn framed(view: &View, boxes: &[Aabb], aspect: f64) -> Result<Framing, FramingError> {
+        frame(view, boxes, aspect, &RenderSpace::default())
+    }
 
     fn cube() -> [Aabb; 1] {
         [Aabb { min: Vec3::new(1.0, 2.0, 3.0), max: Vec3::new(2.0, 4.0, 6.0) }]
@@ -228,7 +254,7 @@ mod tests {
     fn the_model_fills_the_picture() {
         for (aspect, from) in [(1.0, View::THREE_QUARTER), (2.0, Vec3::X), (0.3, Vec3::new(-1.0, -2.0, 0.5))]
         {
-            let framing = frame(&View { from, ..View::default() }, &cube(), aspect).expect("framed");
+            let framing = framed(&View { from, ..View::default() }, &cube(), aspect).expect("framed");
             let film = cube()[0].corners().map(|p| projected(&framing.camera, p));
             let max = |f: fn(&(f32, f32)) -> f32| film.iter().map(f).fold(f32::MIN, f32::max);
             let reach = [max(|p| p.0), max(|p| -p.0), max(|p| p.1), max(|p| -p.1)];
@@ -243,7 +269,7 @@ mod tests {
     #[test]
     fn the_camera_is_orthogonal_and_has_the_field_of_view() {
         let view = View { fov: 90.0, ..View::default() };
-        let camera = frame(&view, &cube(), 1.5).expect("framed").camera;
+        let camera = framed(&view, &cube(), 1.5).expect("framed").camera;
         assert!((camera.up.length() - 1.0).abs() < 1e-6 && (camera.right.length() - 1.5).abs() < 1e-6);
         assert!(camera.up.dot(camera.right).abs() < 1e-6 && camera.up.dot(camera.forward).abs() < 1e-6);
         // Right-handed: right x up points to the viewer.
@@ -252,18 +278,18 @@ mod tests {
 
     #[test]
     fn what_the_user_chooses_is_kept() {
-        let (eye, target) = (Vec3::new(0.0, 0.0, 10.0), Vec3::new(0.0, 0.0, 1.0));
+        let (eye, target) = (DVec3::new(0.0, 0.0, 10.0), DVec3::new(0.0, 0.0, 1.0));
         let view = View { eye: Some(eye), target: Some(target), ..View::default() };
-        let framing = frame(&view, &cube(), 1.0).expect("framed");
-        assert_eq!((framing.camera.eye, framing.target), (eye, target));
+        let framing = framed(&view, &cube(), 1.0).expect("framed");
+        assert_eq!((framing.world_eye(), framing.world_target()), (eye, target));
         assert_eq!(framing.camera.forward, Vec3::NEG_Z);
     }
 
     #[test]
     fn a_target_alone_is_in_the_middle() {
         let target = Vec3::new(1.0, 2.0, 3.0);
-        let view = View { target: Some(target), ..View::default() };
-        let framing = frame(&view, &cube(), 1.0).expect("framed");
+        let view = View { target: Some(target.as_dvec3()), ..View::default() };
+        let framing = framed(&view, &cube(), 1.0).expect("framed");
         let (x, y) = projected(&framing.camera, target);
         assert!(x.abs() < 1e-5 && y.abs() < 1e-5);
     }
@@ -271,32 +297,32 @@ mod tests {
     #[test]
     fn looking_straight_down_has_an_up() {
         let view = View { from: Vec3::Y, ..View::default() };
-        let camera = frame(&view, &cube(), 1.0).expect("framed").camera;
+        let camera = framed(&view, &cube(), 1.0).expect("framed").camera;
         assert!(camera.up.normalize().distance(Vec3::NEG_Z) < 1e-6, "{}", camera.up);
-        let view = View { up: Some(Vec3::Y), ..view };
-        assert_eq!(frame(&view, &cube(), 1.0), Err(FramingError::UpAlongView(Vec3::Y)));
+        let view = View { up: Some(DVec3::Y), ..view };
+        assert_eq!(framed(&view, &cube(), 1.0), Err(FramingError::UpAlongView(DVec3::Y)));
     }
 
     #[test]
     fn impossible_views_are_errors() {
-        let view = View { eye: Some(Vec3::ONE), target: Some(Vec3::ONE), ..View::default() };
-        assert_eq!(frame(&view, &cube(), 1.0), Err(FramingError::EyeAtTarget(Vec3::ONE)));
+        let view = View { eye: Some(DVec3::ONE), target: Some(DVec3::ONE), ..View::default() };
+        assert_eq!(framed(&view, &cube(), 1.0), Err(FramingError::EyeAtTarget(DVec3::ONE)));
         let huge = [Aabb { min: Vec3::splat(-f32::MAX), max: Vec3::splat(f32::MAX) }];
-        assert!(matches!(frame(&View::default(), &huge, 1.0), Err(FramingError::TooLarge { .. })));
+        assert!(matches!(framed(&View::default(), &huge, 1.0), Err(FramingError::TooLarge { .. })));
     }
 
     #[test]
     fn nothing_and_a_single_point_are_looked_at() {
         let point = [Aabb { min: Vec3::ONE, max: Vec3::ONE }];
         for boxes in [&[][..], &point] {
-            let framing = frame(&View::default(), boxes, 1.0).expect("framed");
+            let framing = framed(&View::default(), boxes, 1.0).expect("framed");
             assert!(framing.camera.eye.distance(framing.target) > 0.1);
         }
     }
 
     #[test]
     fn the_key_light_gives_full_light() {
-        let framing = frame(&View::default(), &cube(), 1.0).expect("framed");
+        let framing = framed(&View::default(), &cube(), 1.0).expect("framed");
         let light = key_light(&framing);
         let irradiance = light.intensity / light.position.distance_squared(framing.target);
         assert!((irradiance - 1.0).abs() < 1e-6);

@@ -33,7 +33,7 @@ pub struct NormalMap {
     space: NormalSpace,
     texels: OwnTexels,
     /// How it is read outside [0,1), where a material names it; `None`: as the settings say.
-    wrap: Option<Wrap>,
+    pub(crate) wrap: Option<Wrap>,
 }
 
 /// A map of Blinn's offsets, packed as kernels read it.

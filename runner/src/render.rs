@@ -13,19 +13,21 @@ use crate::normal_maps;
 use crate::picture::Picture;
 use crate::scene::seams::SeamTable;
 use crate::scene::{Material, Mesh, Relief};
-use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld};
+use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Weld, Wrap};
+use crate::space::{RenderSpace, exponent_of};
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::displacement::subdivisions::Viewpoint;
 use emboss_kernels::interface::{FilmPixel, Frame, Instance, PointLight, Triangle, bounds, filter};
 use emboss_kernels::prism_tree::layout::Layout;
 use emboss_kernels::scene::Features;
-use glam::{Vec3, Vec4};
+use glam::{DAffine3, DVec3, Vec3, Vec4};
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// A mesh with its maps, and how height maps displace it.
+/// A mesh with its maps, and how height maps displace it. All its lengths are in the units of its mesh: see
+/// [`Mesh::space`].
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// The base mesh.
@@ -49,8 +51,12 @@ pub struct Scene {
 /// A scene made ready for a backend.
 #[derive(Clone, Debug)]
 pub struct Job {
-    /// What the kernels read. Lights are there once the view is [framed](Job::frame_view).
+    /// What the kernels read, in render space. Lights are there once the view is [framed](Job::frame_view).
     pub buffers: SceneBuffers,
+    /// The render space. Rays that a backend traces, and what they hit, are in it.
+    pub space: RenderSpace,
+    /// In which steps its origin follows the eye: see [`RenderSpace::moved_to`].
+    pub view_step: f64,
     /// What all pixels share. The camera is there once the view is [framed](Job::frame_view).
     pub frame: Frame,
     /// Which code is needed.
@@ -61,6 +67,8 @@ pub struct Job {
     pub lights: Vec<Light>,
     /// [`Relief::stem`] of each displacement.
     pub stems: Vec<Option<PathBuf>>,
+    /// [`Relief::name`] of each displacement.
+    pub names: Vec<Option<String>>,
 }
 
 impl Job {
@@ -74,14 +82,16 @@ impl Job {
         let mut boxes = Cow::Borrowed(boxes);
         if !self.buffers.instances.is_empty() {
             let instances = &self.buffers.instances;
+            // A mesh with places has its own space.
+            let own = RenderSpace { origin: DVec3::ZERO, ..self.space };
             for mesh in instances::meshes(instances) {
-                check_extent(instances::boxes_of(mesh, &boxes))?;
+                check_extent(instances::boxes_of(mesh, &boxes), &own)?;
             }
             boxes = Cow::Owned(instances::world_boxes(instances, &boxes));
         }
-        check_extent(&boxes)?;
+        check_extent(&boxes, &self.space)?;
         let aspect = f64::from(self.frame.width) / f64::from(self.frame.height);
-        let framing = framing::frame(&self.view, &boxes, aspect)?;
+        let framing = framing::frame(&self.view, &boxes, aspect, &self.space)?;
         self.buffers.lights = point_lights(&self.lights, &framing);
         (self.frame.camera, self.frame.light_count) = (framing.camera, count(self.buffers.lights.len()));
         Ok(framing)
@@ -178,13 +188,14 @@ pub enum RenderError {
     /// The model is out of the range that distances, areas and volumes are computed in.
     #[error(
         "the displaced model reaches from {min} to {max}, but floats compute with sizes between {SMALLEST:e} and \
-            {LARGEST:e}; scale the model, or change SCALE"
+            {LARGEST:e}, of which relief and instances reach up to {LARGEST:e} times that of the mesh; scale the \
+            model, or change SCALE"
     )]
     OutOfRange {
-        /// Lower corner of its box.
-        min: Vec3,
+        /// Lower corner of its box, in world units.
+        min: DVec3,
         /// Upper corner.
-        max: Vec3,
+        max: DVec3,
     },
     /// A height map's texels are too large to be filtered.
     #[error(
@@ -284,7 +295,12 @@ fn available_memory() -> Option<u64> {
 /// Makes a scene ready to be [loaded](load): finds its tangents, where vectors are along them, and its seams, and packs
 /// its maps.
 pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
-    let Scene { mut mesh, reliefs, materials, parts, subdivisions } = scene;
+    let Scene { mut mesh, reliefs, materials, mut parts, subdivisions } = scene;
+    let view_step = view_step(&mesh, &parts);
+    let space = settings.view.eye.map_or(mesh.space, |eye| mesh.space.moved_to(eye, view_step));
+    let shift = (space.origin - mesh.space.origin) * space.scale();
+    parts.iter_mut().flat_map(|part| &mut part.places).for_each(|place| place.translation -= shift);
+    mesh.with_whole_coordinates(|triangle| reads_clamped(triangle, settings, &reliefs, &materials));
     let instances = instances::instances(&parts).map_err(|part| RenderError::Transform { part })?;
     let method = settings.method;
     if settings.displacement != DisplacementKind::Height && !method.takes_vectors() {
@@ -306,6 +322,7 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
     };
     let reading = Reading { displaced: settings.displaces(), wrap: settings.wrap, filter: settings.filter };
     let stems = reliefs.iter().map(|relief| relief.stem.clone()).collect();
+    let names = reliefs.iter().map(|relief| relief.name.clone()).collect();
     let heights = Heights::pack(reliefs, reading)?;
     let texel_scales = match settings.filter {
         Filter::Bilinear => Vec::new(),
@@ -364,7 +381,8 @@ pub fn prepare(scene: Scene, settings: &Settings) -> Result<Job, RenderError> {
         instances,
         ..SceneBuffers::default()
     };
-    Ok(Job { buffers, frame, features, view: settings.view, lights: settings.lights.clone(), stems })
+    let (view, lights) = (settings.view, settings.lights.clone());
+    Ok(Job { buffers, space, view_step, frame, features, view, lights, stems, names })
 }
 
 /// What of the bounds fits into the memory that they may take: see [`bounds`]. Scenes whose surface follows the view,
@@ -427,19 +445,63 @@ pub fn render(
     Ok(Rendering { picture, totals, elapsed, device_ms, interrupted: flow.is_break() })
 }
 
-/// Coordinates beyond this are refused: kernels multiply three of them, and 1e12 cubed is within a float's range.
+/// In which steps the origin of a scene's render space follows the eye ([`RenderSpace::moved_to`]): [`ROOM`] times the
+/// size of its smallest part, in render space. A scene without parts has no steps: infinity.
+///
+/// So a part that is small in its scene has all its digits where it is seen from near, and a camera that flies round it
+/// finds it where it was.
+fn view_step(mesh: &Mesh, parts: &[Part]) -> f64 {
+    let mut rest = &mesh.triangles[..];
+    let mut least = f64::INFINITY;
+    for part in parts {
+        let triangles;
+        (triangles, rest) = rest.split_at((part.triangle_count as usize).min(rest.len()));
+        let positions = triangles.iter().flat_map(|t| t.vertices).map(|v| mesh.vertices[v as usize].position);
+        let reach = positions.fold(0.0_f32, |reach, p| reach.max(p.abs().max_element()));
+        for DAffine3 { matrix3, .. } in &part.places {
+            let lengths = [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis].map(DVec3::length);
+            least = lengths.into_iter().map(|length| f64::from(reach) * length).fold(least, f64::min);
+        }
+    }
+    if least.is_normal() { ROOM * 2_f64.powi(exponent_of(least)) } else { f64::INFINITY }
+}
+
+/// See [`view_step`]: where the eye is half a step away, coordinates are 2^-12 of the smallest part apart. Less would have
+/// the viewer load a meadow of many small parts anew more often.
+const ROOM: f64 = 4096.0;
+
+/// Whether a map that a triangle reads does not go on beyond its borders as it is within them.
+fn reads_clamped(
+    triangle: &Triangle,
+    settings: &Settings,
+    reliefs: &[Relief],
+    materials: &[Material],
+) -> bool {
+    let count = if settings.displacement == DisplacementKind::Height { 1 } else { 3 };
+    let reliefs = reliefs.iter().skip(triangle.displacement as usize).take(count);
+    let of_relief = |relief: &Relief| [Some(relief.wrap), relief.normal_map.as_ref().map(|map| map.wrap)];
+    let own = reliefs.flat_map(of_relief).flatten();
+    let of_material = materials.get(triangle.material() as usize).map(|material| material.wrap);
+    own.chain(of_material).any(|wrap| wrap.unwrap_or(settings.wrap) == Wrap::Clamp)
+}
+
+/// Models are refused that are larger than this in world units, or whose relief or places reach farther than this in
+/// render space: kernels multiply three lengths, and 1e12 cubed is within a float's range.
 const LARGEST: f32 = 1e12;
-/// Models smaller than this are refused, for the same reason at the other end.
+/// Models smaller than this are refused, in world units: what is reported of them in these is a float.
 const SMALLEST: f32 = 1e-12;
 
-/// Refuses a model that is too large or too small to compute with. One without triangles is fine: it shows nothing.
-fn check_extent(boxes: &[Aabb]) -> Result<(), RenderError> {
+/// Refuses a model that is too large or too small to compute with; its boxes are in the render space. One without
+/// triangles is fine: it shows nothing.
+fn check_extent(boxes: &[Aabb], space: &RenderSpace) -> Result<(), RenderError> {
     let Some(whole) = boxes.iter().copied().reduce(Aabb::union) else { return Ok(()) };
-    let (min, max) = (whole.min, whole.max);
-    let fits = min.abs().max(max.abs()).max_element() <= LARGEST;
-    if fits && (max - min).max_element() >= SMALLEST {
+    let reach = whole.min.abs().max(whole.max.abs()).max_element();
+    let size = space.world_length(f64::from((whole.max - whole.min).max_element()));
+    let fits = (f64::from(SMALLEST)..=2.0 * f64::from(LARGEST)).contains(&size);
+    if reach <= LARGEST && fits {
         return Ok(());
     }
+    let [min, max] = [whole.min, whole.max].map(|corner| space.world(corner.as_dvec3()));
     Err(RenderError::OutOfRange { min, max })
 }
 
@@ -458,16 +520,26 @@ fn check_texels(reliefs: &[Relief]) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// The lights as the kernels read them.
+/// The lights as the kernels read them, in render space.
 fn point_lights(lights: &[Light], framing: &Framing) -> Vec<PointLight> {
     if lights.is_empty() {
         return vec![framing::key_light(framing)];
     }
-    let point_light = |light: &Light| PointLight {
-        position: light.position,
-        color: light.color,
-        intensity: light.intensity.unwrap_or_else(|| framing::intensity_for(light.position, framing.target)),
-        padding: 0,
+    let space = &framing.space;
+    let point_light = |light: &Light| {
+        let position = space.point(light.position).as_vec3();
+        let usual = || framing::intensity_for(position, framing.target);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "rounded, at the ends of the range of floats alone"
+        )]
+        let given = |intensity: f32| space.intensity(intensity.into()) as f32;
+        PointLight {
+            position,
+            color: light.color,
+            intensity: light.intensity.map_or_else(usual, given),
+            padding: 0,
+        }
     };
     lights.iter().map(point_light).collect()
 }
@@ -573,7 +645,7 @@ mod tests {
     fn lights_are_the_users_or_the_key_light() {
         let (_, job) = loaded(&small());
         assert_eq!(job.frame.light_count, 1);
-        let light = Light { position: Vec3::splat(9.0), color: Vec3::X, intensity: None };
+        let light = Light { position: DVec3::splat(9.0), color: Vec3::X, intensity: None };
         let lights = vec![light, Light { intensity: Some(2.0), ..light }];
         let (_, job) = loaded(&Settings { lights, ..small() });
         assert_eq!(job.frame.light_count, 2);

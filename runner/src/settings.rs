@@ -5,7 +5,7 @@ use crate::normal_maps::{NormalMap, OffsetMap};
 use crate::render::Scene;
 use clap::ValueEnum;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, displacement_kind, filter, method, normals, shade, wrap};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::fmt;
 use std::str::FromStr;
 
@@ -516,11 +516,12 @@ impl Filter {
 /// A point light as the user gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// Where it is, in model units.
-    pub position: Vec3,
+    /// Where it is, in world units.
+    pub position: DVec3,
     /// Linear RGB.
     pub color: Vec3,
-    /// Irradiance times squared distance. `None`: as much as gives full light (1) at the camera's target.
+    /// Irradiance times squared distance in world units. `None`: as much as gives full light (1) at the camera's
+    /// target.
     pub intensity: Option<f32>,
 }
 

@@ -4,6 +4,7 @@ use crate::backend::{
     Backend, BuildReport, PipelineCode, distance_maps, is_stored, stored_sizes, tree_primitives,
 };
 use crate::render::{Job, Rendering, Scene};
+use crate::reports::Reports;
 use crate::settings::{
     Bounds, DisplacementKind, Filter, Method, Normals, Settings, Shade, Subdivisions, Weld, Wrap,
 };
@@ -57,6 +58,8 @@ pub struct Stats {
     pub work: Work,
     /// What was asked for.
     pub settings: SettingsUsed,
+    /// What may surprise in the picture: nothing as long as it was not looked for.
+    pub warnings: Reports,
 }
 
 /// Bytes of each kind of data.
@@ -168,6 +171,8 @@ pub struct SettingsUsed {
 impl SettingsUsed {
     /// What was asked for: `zero`, `scale` and N as chosen, also where the method does not displace.
     pub fn new(settings: &Settings, samples: u32, scene: &Scene) -> SettingsUsed {
+        #[expect(clippy::cast_possible_truncation, reason = "what it was before it was multiplied")]
+        let in_world = |scale: f32| scene.mesh.space.world_length(scale.into()) as f32;
         let wraps = scene.reliefs.iter().map(|relief| relief.wrap);
         let wraps = wraps.chain(scene.materials.iter().map(|material| material.wrap));
         SettingsUsed {
@@ -176,7 +181,7 @@ impl SettingsUsed {
                 None => Subdivisions::Fixed(scene.subdivisions),
             },
             zero: agreed(scene.reliefs.iter().map(|relief| relief.zero)),
-            scale: agreed(scene.reliefs.iter().map(|relief| relief.scale)),
+            scale: agreed(scene.reliefs.iter().map(|relief| in_world(relief.scale))),
             width: settings.width,
             height: settings.height,
             samples,
@@ -224,6 +229,7 @@ impl Stats {
             pipelines: (!pipelines.is_empty()).then_some(pipelines),
             work,
             settings,
+            warnings: Reports::default(),
         }
     }
 

@@ -933,11 +933,51 @@ fn a_vector_map_of_one_channel_is_refused() {
         .failed(1, &["grey.png: has one channel", "--displacement height"]);
 }
 
+/// A cube of six quads, each with the whole map.
+fn cube_of_quads() -> String {
+    let mut text = String::new();
+    for i in 0..8 {
+        let side = |bit: i32| if i & bit == 0 { -1 } else { 1 };
+        text += &format!("v {} {} {}\n", side(1), side(2), side(4));
+    }
+    text += "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        text += &format!("f {a}/1 {b}/2 {c}/3 {d}/4\n");
+    }
+    text
+}
+
+/// By the command line, by a scene file, and by the command line in its place; the picture's own command has it.
+#[test]
+fn base_meshes_are_subdivided() {
+    let scene = "[render]\nsubdivide = \"1:loop\"\n[[model]]\npath = \"cube.obj\"\n\
+                 [[model]]\npath = \"cube.obj\"\nsubdivide = 0\ntranslate = [4, 0, 0]\n";
+    let place = Place::new().with("cube.obj", cube_of_quads()).with("scene.toml", scene);
+    for (arguments, triangles) in [
+        (&["cube.obj"][..], 12),
+        (&["cube.obj", "--subdivide=0"], 12),
+        (&["cube.obj", "--subdivide", "2"], 192),
+        (&["cube.obj", "--subdivide=2:loop,crease=30"], 192),
+        (&["scene.toml"], 48 + 12),
+        (&["scene.toml", "--subdivide=1"], 2 * 48),
+        (&["builtin:cube", "--subdivide=1"], 12 * 3 * 2),
+    ] {
+        let stdout = place.render(arguments).succeeded().stdout;
+        assert!(stdout.contains(&format!("Imported {triangles} triangles\n")), "{arguments:?}: {stdout}");
+    }
+    let round = place.texels("out.png");
+    place.render(&["builtin:cube"]).succeeded();
+    assert_ne!(place.texels("out.png"), round);
+    // 48 · 4^9 triangles are a third of what a BVH holds, four times as many are too many.
+    let parts = ["cube.obj: 12 levels", "201326592 triangles of its 6 faces", "at most 10 times"];
+    place.render(&["cube.obj", "--subdivide=12"]).failed(1, &parts);
+}
+
 // What is refused: usage.
 
 #[test]
 fn impossible_options_are_usage_errors() {
-    let cases: [(&[&str], &str); 31] = [
+    let cases: [(&[&str], &str); 33] = [
         (&["-", "-", "-", "-", "-", "0"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "-", "-", "4097"], "is no N; write a whole number from 1 to 4096"),
         (&["-", "-", "-", "nan"], "`nan` is not finite"),
@@ -952,6 +992,8 @@ fn impossible_options_are_usage_errors() {
         (&["--eye=1,1,1", "--target=1,1,1"], "--eye and --target are the same point"),
         (&["--fov=180"], "from 0.01 to 179"),
         (&["--method=magic"], "grid-walk"),
+        (&["--subdivide=13"], "write the levels, 0 to 12"),
+        (&["--subdivide=2:lop"], "as 2 or 2:loop"),
         (&["--weld=maybe"], "[possible values: on, off]"),
         (&["--normals=bent"], "[possible values: normalized, linear]"),
         (&["--displacement=up"], "[possible values: height, tangent, object]"),
@@ -1055,6 +1097,174 @@ fn heights_that_are_no_numbers_do_not_displace_and_are_counted() {
         assert!(picture == expected, "{name}: they displace");
         let (other, _) = rendered([0.9; 3]);
         assert!(picture != other, "{name}: these texels are not seen");
+    }
+}
+
+// What may surprise: said once each, and part of the statistics.
+
+/// Two triangles, a square whose texture coordinates go from 0 to `repeats`.
+fn square(repeats: u32) -> String {
+    format!(
+        "v -1 0 1\nv 1 0 1\nv 1 0 -1\nv -1 0 -1\nvt 0 0\nvt {repeats} 0\nvt {repeats} {repeats}\nvt 0 {repeats}\n\
+            vn 0 1 0\nvn 0 -1 0\n{FACE}"
+    )
+}
+
+/// The face of a [`square`].
+const FACE: &str = "f 1/1/1 2/2/1 3/3/1 4/4/1\n";
+
+/// A place with a square, and a map of 64 x 64 texels with 16 stripes.
+fn striped(repeats: u32) -> Place {
+    let place = Place::new().with("square.obj", square(repeats));
+    let stripe = |x: u32| if x % 4 < 2 { 0 } else { u16::MAX };
+    let map = image::ImageBuffer::from_fn(64, 64, |x, _| image::Luma([stripe(x)]));
+    map.save(place.path("stripes.png")).expect("written");
+    place
+}
+
+fn stats(place: &Place) -> Value {
+    serde_json::from_slice(&place.read("stats.json")).expect("JSON")
+}
+
+/// The lines of a run that are warnings.
+fn warnings(run: &Run) -> Vec<&str> {
+    run.stderr.lines().filter(|line| line.contains("WARN")).collect()
+}
+
+#[test]
+fn relief_between_micro_vertices_is_told() {
+    let render = |place: &Place, more: &[&str]| {
+        let arguments = ["square.obj", "none", "stripes.png", "0.5", "0.1"];
+        place.render(&[&arguments[..], more, &["--stats=stats.json"]].concat()).succeeded()
+    };
+    let place = striped(1);
+    let run = render(&place, &[]);
+    let [warning] = &warnings(&run)[..] else { panic!("{}", run.stderr) };
+    for part in ["stripes.png: 4.0 texels", "N = 16", "2 of 2 triangles", "N = 64 reads all", "N = auto"] {
+        assert!(warning.contains(part), "no `{part}` in: {warning}");
+    }
+    let told = &stats(&place)["warnings"]["undersampled"];
+    assert_eq!(
+        (&told[0]["needed"], &told[0]["N"], &told[0]["texels"]),
+        (&64.into(), &16.into(), &4.0.into())
+    );
+    assert_eq!(told.as_array().map(Vec::len), Some(1));
+    for quiet in [&["64"][..], &["auto"], &["32"], &["--method=relief"], &["--method=none"]] {
+        let run = render(&place, quiet);
+        assert!(warnings(&run).is_empty(), "{quiet:?}: {}", run.stderr);
+        assert_eq!(stats(&place)["warnings"]["undersampled"], Value::Array(vec![]), "{quiet:?}");
+    }
+    // Parts that are wider than a pixel were asked for.
+    let run = render(&place, &["auto:16"]);
+    assert!(warnings(&run).len() == 1 && run.stderr.contains("N = auto what a pixel"), "{}", run.stderr);
+    let walk = render(&place, &["--method=grid-walk"]);
+    assert!(walk.stderr.contains("N = 64 reads all") && !walk.stderr.contains("auto"), "{}", walk.stderr);
+    let run = render(&striped(250), &[]);
+    assert!(run.stderr.contains("even N = 4096, the greatest, leaves 3.9 between them"), "{}", run.stderr);
+    assert!(run.stderr.contains("cut the base mesh finer"), "{}", run.stderr);
+}
+
+/// A map of several materials is told of once, a vector map by its name; N of a built-in scene is its own.
+#[test]
+fn relief_between_micro_vertices_is_told_once_for_a_map() {
+    let place = striped(1);
+    let scene = "[material.a]\nheight = \"stripes.png\"\nscale = 0.1\n\
+        [material.b]\nheight = \"stripes.png\"\nscale = 0.2\n\
+        [[model]]\npath = \"square.obj\"\nmaterial = \"a\"\n\
+        [[model]]\npath = \"square.obj\"\nmaterial = \"b\"\ntranslate = [3, 0, 0]\n";
+    let place = place.with("scene.toml", scene);
+    let run = place.render(&["scene.toml", "-", "-", "-", "-", "4"]).succeeded();
+    assert_eq!(run.stderr.matches("stripes.png: 16.0 texels").count(), 1, "{}", run.stderr);
+    assert!(run.stderr.contains("in 4 of 4 triangles"), "{}", run.stderr);
+    let vectors = ["square.obj", "none", "stripes.png", "-", "0.1", "--displacement=tangent"];
+    image::open(place.path("stripes.png"))
+        .expect("a map")
+        .to_rgb16()
+        .save(place.path("stripes.png"))
+        .expect("a map");
+    let run = place.render(&vectors).succeeded();
+    assert_eq!(run.stderr.matches("stripes.png: 4.0 texels").count(), 1, "{}", run.stderr);
+    let own = place.render(&["builtin:cube"]).succeeded();
+    assert!(warnings(&own).is_empty(), "{}", own.stderr);
+    let given = place.render(&["builtin:cube", "-", "-", "-", "-", "16"]).succeeded();
+    assert!(given.stderr.contains("builtin:cube: 32.0 texels"), "{}", given.stderr);
+}
+
+#[test]
+fn pictures_that_show_nothing_are_told() {
+    let place = striped(1);
+    let render = |more: &[&str]| {
+        let arguments = ["square.obj", "none", "stripes.png", "0", "0.5", "64", "--stats=stats.json"];
+        let run = place.render(&[&arguments[..], more].concat()).succeeded();
+        let lines: Vec<String> = warnings(&run).into_iter().map(str::to_owned).collect();
+        let kind = stats(&place)["warnings"]["useless"]["kind"].as_str().unwrap_or("").to_owned();
+        (lines, kind)
+    };
+    let is_one = |(lines, kind): (Vec<String>, String), expected: &str, parts: &[&str]| {
+        assert!(lines.len() == 1 && kind == expected, "{kind} {lines:?}");
+        for part in parts {
+            assert!(lines[0].contains(part), "no `{part}` in: {}", lines[0]);
+        }
+    };
+    assert_eq!(render(&[]), (vec![], String::new()));
+    let away = render(&["--eye=0,1,3", "--target=0,1,10"]);
+    is_one(
+        away,
+        "nothing-hit",
+        &[
+            "picture is empty",
+            "behind the camera",
+            "leave --eye",
+            "--target 0,0.25,0",
+            "between -1,0,-1 and 1,0.5,1",
+        ],
+    );
+    let inside = render(&["--eye=0.094,0.2,0.2", "--target=0.094,0.2,-1"]);
+    is_one(inside, "camera-inside", &["inside the relief", "0.094,0.2,0.2", "leave --eye out"]);
+    let dark = render(&["--light=-1e20,1e20,0"]);
+    is_one(dark, "no-light", &["no light reaches", "so far away", "move --light"]);
+    let dark = render(&["--light=0,-3,0", "--method=none"]);
+    is_one(dark, "no-light", &["no light reaches", "behind what is seen"]);
+}
+
+/// Within a file, and across models and instances of a scene.
+#[test]
+fn faces_that_are_there_twice_are_told() {
+    let place = Place::new()
+        .with("once.obj", square(1))
+        .with("twice.obj", square(1) + FACE)
+        .with("sides.obj", square(1) + "f 4/4/2 3/3/2 2/2/2 1/1/2\n")
+        .with("diagonal.obj", square(1) + "f 2/2/1 3/3/1 4/4/1 1/1/1\n")
+        .with("models.toml", "[[model]]\npath = \"once.obj\"\n[[model]]\npath = \"once.obj\"\n")
+        .with(
+            "instances.toml",
+            "[[model]]\nname = \"a\"\npath = \"once.obj\"\n[[instance]]\nmodel = \"a\"\n[[instance]]\nmodel = \"a\"\n\
+                translate = [3, 0, 0]\n[[instance]]\nmodel = \"a\"\n",
+        );
+    for (file, repeated, across) in [
+        ("once.obj", 0, 0),
+        ("twice.obj", 2, 0),
+        ("sides.obj", 2, 0),
+        ("diagonal.obj", 2, 0),
+        ("models.toml", 2, 2),
+        ("instances.toml", 2, 2),
+    ] {
+        let run = place.render(&[file, "--stats=stats.json"]).succeeded();
+        let told = &stats(&place)["warnings"]["repeated"];
+        assert_eq!(
+            (&told["triangles"], &told["across_models"]),
+            (&repeated.into(), &across.into()),
+            "{file}"
+        );
+        let lines = warnings(&run);
+        assert_eq!(lines.len(), usize::from(repeated > 0), "{file}: {lines:?}");
+        let of_model = format!("{file}: {repeated} of its 4 triangles repeat others");
+        let of_scene =
+            format!("{file}: {across} triangles of a model or an instance repeat those of another");
+        assert!(
+            repeated == 0 || run.stderr.contains(if across > 0 { &of_scene } else { &of_model }),
+            "{lines:?}"
+        );
     }
 }
 

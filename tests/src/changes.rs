@@ -12,7 +12,7 @@ use emboss::settings::{Light, Method, Settings, Shade};
 use emboss_kernels::interface::counter;
 use emboss_kernels::relief::distance_map::WORDS;
 use emboss_kernels::scene::Features;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::ops::ControlFlow;
 
 /// Samples of a pixel.
@@ -43,7 +43,7 @@ pub fn assert_views_change(backend: &mut dyn Backend) {
     let first = cube(|_, _| {});
     backend.load(&first.buffers, &first.frame, first.features).expect("the cube fits");
     let before = picture(backend, &first);
-    let light = Light { position: Vec3::new(3.0, 4.0, 5.0), color: Vec3::X, intensity: None };
+    let light = Light { position: DVec3::new(3.0, 4.0, 5.0), color: Vec3::X, intensity: None };
     let bvh = backend.bvh().expect("no device fails");
     for (width, height, lights) in [(48, 32, 1), (30, 50, 3), (7, 5, 0), (48, 32, 2)] {
         let second = cube(|_, settings| {

@@ -5,6 +5,7 @@ pub mod boxes;
 pub mod changes;
 pub mod compare;
 pub mod exact;
+pub mod far;
 pub mod flat;
 pub mod instances;
 mod lavapipe;
@@ -14,6 +15,7 @@ mod numbers;
 pub mod oracle;
 pub mod planes;
 mod rays;
+pub mod reports;
 pub mod scenes;
 pub mod views;
 

@@ -211,15 +211,15 @@ impl Planes {
     ) -> ReadyJob {
         let (mesh, parts) = self.mesh();
         let light = |x: f64, y: f64, z: f64| Light {
-            position: self.single(x, y, z),
+            position: self.single(x, y, z).as_dvec3(),
             color: Vec3::ONE,
             intensity: None,
         };
         let up = self.plane.axes()[1].as_vec3();
         let view = View {
-            eye: Some(self.single(0.9, -1.3, 2.6)),
-            target: Some(self.single(0.0, 0.0, 0.0)),
-            up: Some(up),
+            eye: Some(self.single(0.9, -1.3, 2.6).as_dvec3()),
+            target: Some(self.single(0.0, 0.0, 0.0).as_dvec3()),
+            up: Some(up.as_dvec3()),
             ..View::default()
         };
         let scene =
@@ -319,15 +319,16 @@ pub fn assert_dark(
     });
     let (middle, extent) = ((min + max) * 0.5, (max - min).max_element());
     let lights = [Vec3::new(1.3, 0.4, 0.2), Vec3::new(-0.5, -1.1, -0.9), Vec3::new(0.2, 1.2, -1.0)];
-    let light = |to: Vec3| Light { position: middle + to * extent, color: Vec3::ONE, intensity: None };
+    let light =
+        |to: Vec3| Light { position: (middle + to * extent).as_dvec3(), color: Vec3::ONE, intensity: None };
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest f32")]
     let relief = Relief::new(map.map(&mut Numbers::new(9)), 0.0, (height * solid.room) as f32);
     for (i, forward) in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z].into_iter().enumerate() {
         let eye = solid.inside[i % solid.inside.len()];
         let view = View {
-            eye: Some(eye),
-            target: Some(eye + forward * extent * 0.2),
-            up: Some(Vec3::new(forward.y, forward.z, forward.x)),
+            eye: Some(eye.as_dvec3()),
+            target: Some((eye + forward * extent * 0.2).as_dvec3()),
+            up: Some(Vec3::new(forward.y, forward.z, forward.x).as_dvec3()),
             fov: 100.0,
             ..View::default()
         };

@@ -8,6 +8,7 @@ use emboss_kernels::displacement::surface::{BaseTriangle, HeightField};
 use emboss_kernels::interface::{Intersection, NO_SEAMS, Ray, Vertex, displacement_kind};
 use emboss_kernels::scene::SceneView;
 use emboss_kernels::shading::SurfaceInteraction;
+use emboss_kernels::smooth_base::SmoothBase;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -451,6 +452,7 @@ fn spawn_origin(hit: &Intersection, direction: Vec3) -> Vec3 {
         point_error,
         ng: normal,
         ns: normal,
+        base: SmoothBase::default(),
         uv: Vec2::new(u, v),
         material: 0,
         uv_density: 0.0,

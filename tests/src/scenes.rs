@@ -101,7 +101,7 @@ pub fn builtin_scene(name: &str, subdivisions: u32, width: u32, height: u32) -> 
     };
     let view = View { from: builtin.view, usual_up: builtin.up, ..View::default() };
     let light = |light: PointLight| Light {
-        position: light.position,
+        position: light.position.as_dvec3(),
         color: light.color,
         intensity: Some(light.intensity),
     };

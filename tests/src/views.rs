@@ -14,7 +14,7 @@ use glam::Vec3;
 /// the pixel is
 /// 0.63 wide at distance 1. N is at most `most`, a power of two.
 pub fn seen(scene: Scene, eye: Vec3, pixels: f32, most: u32, settings: &Settings) -> ReadyJob {
-    let view = View { eye: Some(eye), ..View::default() };
+    let view = View { eye: Some(eye.as_dvec3()), ..View::default() };
     let settings = Settings { adaptive: Some(pixels), view, width: 1, height: 1, ..settings.clone() };
     scenes::job(Scene { subdivisions: most, ..scene }, &settings)
 }

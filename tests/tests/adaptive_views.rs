@@ -50,7 +50,7 @@ impl Views {
 
     /// The picture from an eye, one sample a pixel, and how long it took.
     fn picture(&mut self, eye: Vec3) -> (Picture, Duration) {
-        self.job.view.eye = Some(eye);
+        self.job.view.eye = Some(eye.as_dvec3());
         self.job.frame_view(&self.boxes).expect("framed");
         self.backend.set_view(&self.job.frame, &self.job.buffers.lights).expect("its own lights");
         let rendering = render(&mut self.backend, &self.job, 1, &mut |_| ControlFlow::Continue(()));
@@ -140,7 +140,7 @@ fn micro_triangles_are_smaller_than_pixels() {
             let eye = Views::new(name, Some(1)).eye(share);
             for scale in [None, Some(0.0)] {
                 let (scene, mut settings) = builtin_scene(name, 4096, WIDTH, HEIGHT);
-                settings.view.eye = Some(eye);
+                settings.view.eye = Some(eye.as_dvec3());
                 let scene = scale.map_or(scene.clone(), |scale| scenes::scaled(scene, scale));
                 let job = scenes::job(scene, &Settings { adaptive: Some(1.0), ..settings });
                 let areas = areas(&job, 16);

@@ -354,11 +354,15 @@ fn relief_behind_a_light_casts_no_shadow() {
     let floor = Vec3::new(0.3, 0.5, 0.0);
     let toward = Vec3::new(1.0, 0.0, 0.25);
     let lit = |method, distance: f32, shadows| {
-        let light = Light { position: floor + toward * distance, color: Vec3::ONE, intensity: Some(1.0) };
+        let light = Light {
+            position: (floor + toward * distance).as_dvec3(),
+            color: Vec3::ONE,
+            intensity: Some(1.0),
+        };
         let view = View {
-            eye: Some(floor + Vec3::Z * 2.0),
-            target: Some(floor),
-            up: Some(Vec3::Y),
+            eye: Some((floor + Vec3::Z * 2.0).as_dvec3()),
+            target: Some(floor.as_dvec3()),
+            up: Some(DVec3::Y),
             fov: 0.1,
             ..View::default()
         };
@@ -406,8 +410,8 @@ fn parallax_looks_at_nothing_behind_the_eye() {
 fn errors_shown_are_differences_from_the_exact_method() {
     let (scene, settings) = builtin_scene("builtin:cube", 6, 48, 36);
     // The same for all: boxes differ, by which the camera is placed otherwise.
-    let view = View { eye: Some(Vec3::new(2.5, 2.0, 3.0)), target: Some(Vec3::ZERO), ..settings.view };
-    let lights = vec![Light { position: Vec3::new(4.0, 6.0, 5.0), color: Vec3::ONE, intensity: Some(60.0) }];
+    let view = View { eye: Some(DVec3::new(2.5, 2.0, 3.0)), target: Some(DVec3::ZERO), ..settings.view };
+    let lights = vec![Light { position: DVec3::new(4.0, 6.0, 5.0), color: Vec3::ONE, intensity: Some(60.0) }];
     let settings = Settings { view, lights, ..settings };
     let pixels = |method, shade| {
         let settings = Settings { method, shade, ..settings.clone() };

@@ -20,7 +20,7 @@ fn pictures_are_alike() {
         [("builtin:knot", Vec3::new(0.9, 0.8, 2.2), false), ("builtin:cube", Vec3::new(1.2, 0.9, 1.6), true)]
     {
         let (scene, mut settings) = builtin_scene(name, 64, 96, 72);
-        settings.view.eye = Some(eye);
+        settings.view.eye = Some(eye.as_dvec3());
         let settings = Settings { adaptive: Some(4.0), smooth, ..settings.clone() };
         let job = scenes::job(scene.clone(), &settings);
         assert!(greatest_step(&job) > 1, "{name} is cut alike");

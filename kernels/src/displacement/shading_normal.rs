@@ -1,5 +1,5 @@
-//! Shading normals: those of the surface that the micro-triangles approach as N grows, so that a few of them shade like
-//! many.
+//! Shading normals: those of the relief over the smooth surface that the base mesh stands for, so that a few
+//! micro-triangles shade like many, and a few base triangles like a smooth base.
 
 use crate::barycentric::interpolate;
 use crate::displacement::surface::{BaseTriangle, HeightField, NO_DIRECTION};
@@ -19,6 +19,8 @@ pub(super) struct Derivatives {
     pub(super) b: Vec3,
     /// What heights are along.
     pub(super) d: Vec3,
+    /// The interpolated vertex normal as a unit vector: d, but of linear directions d / |d|. NaN where normals cancel.
+    pub(super) n: Vec3,
     /// h'_1.
     pub(super) h1: f32,
     /// h'_2.
@@ -28,20 +30,27 @@ pub(super) struct Derivatives {
 }
 
 impl BaseTriangle {
-    /// Unit normal, to the outside of the base mesh, of the displaced surface at barycentric coordinates `w`; `ng`, the
-    /// micro-triangle's there, where the surface has none: where its two derivatives are parallel or not finite, and
+    /// Unit normal, to the outside of the base mesh, of the displaced smooth surface at barycentric coordinates `w`;
+    /// `ng`, the micro-triangle's there, where there is none: where the two derivatives are parallel or not finite, and
     /// where interpolated normals cancel, so that there is no direction to displace in.
     ///
-    /// The surface is S = P + h d with d = n / |n| for normalised directions, d = n for linear ones, P and n
-    /// interpolated, h the filtered height at the interpolated texture coordinates t. Its derivative along a
+    /// The surface that is traced is S = P + h d with d = n / |n| for normalised directions, d = n for linear ones, P
+    /// and n interpolated, h the filtered height at the interpolated texture coordinates t. Its derivative along a
     /// barycentric direction, from vertex 0 to vertex 1 or 2, is
     ///
     ///   S' = P' + h d' + h' d,  h' = grad h · t',  d' = (n' - d (d · n')) / |n| or n',
     ///
-    /// exactly, where the filter has no kink. The normal is the cross product of the two, of which d × d drops out
-    /// (as in Blinn, "Simulation of Wrinkled Surfaces", SIGGRAPH 1978, who drops h d' as well):
+    /// exactly, where the filter has no kink. Its normal is the cross product of the two, of which d × d drops out:
     ///
     ///   A × B + h'_1 (d × B) + h'_2 (A × d),  A = P'_1 + h d'_1,  B = P'_2 + h d'_2.
+    ///
+    /// P is flat over a base triangle, where the surface that the mesh stands for has the normal N = n / |n|. So only
+    /// what of A × B is along N is taken, which is the cross product of the parts of A and B in the plane across N: the
+    /// sum is then Blinn's ("Simulation of Wrinkled Surfaces", SIGGRAPH 1978), of a base with these tangents, normal N
+    /// and relief h; Blinn drops h d' as well. It is N where h' is 0, and the normal of S where N is that of the
+    /// triangle. Hoetzlein's N + (n_S - n_P), the unit normals of S and P, is the same to first order of the slopes.
+    ///
+    /// N points to the side of the triangle's own normal: it is turned round where vertex normals point inside.
     ///
     /// Where maps are filtered by their levels, h' leaves out that the level changes along the surface: by less than
     /// 0.7 times the angle of a pixel, since levels differ by less than half a pixel.
@@ -55,8 +64,9 @@ impl BaseTriangle {
             return vector::shading_normal(field, self, w, ng);
         }
         let surface = self.derivatives(field, w);
-        let Derivatives { a, b, d, h1, h2, .. } = surface;
-        let normal = unit(cross(a, b) + cross(d, b) * h1 + cross(a, d) * h2);
+        let Derivatives { a, b, d, n, h1, h2, .. } = surface;
+        let across = n * dot(n, cross(a, b));
+        let normal = unit(across + cross(d, b) * h1 + cross(a, d) * h2);
         let outward = if self.flipped { -normal } else { normal };
         if surface.is_displaced { or_geometric(outward, ng) } else { ng }
     }
@@ -85,6 +95,7 @@ impl BaseTriangle {
             a: self.p1 - self.p0 + d1 * h,
             b: self.p2 - self.p0 + d2 * h,
             d,
+            n: n / length,
             h1,
             h2,
             is_displaced: linear || length > NO_DIRECTION,
@@ -142,6 +153,30 @@ mod tests {
                 let normal = at_w(&scene, normals);
                 assert!(normal.distance(expected) < 1e-6, "{normal} {expected}");
             }
+        }
+    }
+
+    /// On a flat triangle whose vertex normals lean, the interpolated normal; with a ramp, Blinn's normal by hand.
+    #[test]
+    fn base_normals_are_the_interpolated_ones() {
+        for normals in [normals::NORMALIZED, normals::LINEAR] {
+            let mut scene = ramp();
+            for vertex in &mut scene.vertices {
+                vertex.normal = (Vec3::Z + vertex.position * 0.4).normalize();
+            }
+            let [n0, n1, n2] = scene.triangles[0].vertices.map(|v| scene.vertices[v as usize].normal);
+            let n = n0 * W.x + n1 * W.y + n2 * W.z;
+            let unit = n.normalize();
+            // Heights of 1/8 for a unit of x, along n or a unit vector; that slope in the plane across n, where a step
+            // of x is as long as what of it lies there.
+            let slope = if normals == normals::LINEAR { n.length() } else { 1.0 } / 8.0;
+            let h = at_w(&scene, normals);
+            scene.displacements[0].scale = 0.0;
+            assert!(at_w(&scene, normals).distance(unit) < 1e-6);
+            // The base alone bends A and B: heights there are below 1/8 of it, and their share of A and B is 0.4 h.
+            let (a, b) = (Vec3::X - unit * unit.x, Vec3::Y - unit * unit.y);
+            let by_hand = (a + unit * slope).cross(b).normalize();
+            assert!(h.distance(by_hand) < 0.125 * 0.4 * 0.125, "{h} {by_hand}");
         }
     }
 

@@ -174,13 +174,18 @@ fn displaced(field: &HeightField<'_>, source: Source, w: Vec3, pixel: Pixel, sta
 /// linear directions and in object space, whose derivatives add h' a / |a| + h (a' - a (a · a') / |a|²) / |a| for each.
 /// The normal is their cross product; `ng` where they are parallel or not finite, and an axis that vanishes adds
 /// nothing.
+///
+/// As with heights P' has only what is across the interpolated vertex normal N, and so has the derivative of the axis
+/// that is the normal; P' is whole where normals cancel. N points to the side of the triangle's own normal.
 #[inline]
 pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng: Vec3) -> Vec3 {
     let source = Source::of_triangle(base);
     let [a, b, c] = source.corners(field);
     let uv = interpolate2(w, a.uv, b.uv, c.uv);
     let pixel = base.pixel(field, w);
-    let (mut s1, mut s2) = (base.p1 - base.p0, base.p2 - base.p0);
+    let n = or_zero(unit(interpolate(w, base.n0, base.n1, base.n2)));
+    let (e1, e2) = (base.p1 - base.p0, base.p2 - base.p0);
+    let (mut s1, mut s2) = (e1 - n * dot(n, e1), e2 - n * dot(n, e2));
     let mut i = 0;
     while i < 3 {
         let map = field.displacement(source.displacement + i);
@@ -194,6 +199,10 @@ pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng:
             let unit_axis = axis * shrink;
             a1 -= unit_axis * dot(unit_axis, a1);
             a2 -= unit_axis * dot(unit_axis, a2);
+        } else if i == 2 {
+            // Of normalised normals that is done. In object space the axis is z, and these are 0.
+            a1 -= n * dot(n, a1);
+            a2 -= n * dot(n, a2);
         }
         s1 += (axis * h1 + a1 * height) * shrink;
         s2 += (axis * h2 + a2 * height) * shrink;
@@ -201,6 +210,12 @@ pub fn shading_normal(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3, ng:
     }
     let normal = unit(cross(s1, s2));
     or_geometric(if base.flipped { -normal } else { normal }, ng)
+}
+
+/// `v`, or zero where it is NaN.
+#[inline]
+fn or_zero(v: Vec3) -> Vec3 {
+    if dot(v, v) > 0.5 { v } else { Vec3::ZERO }
 }
 
 /// The components of the vector that the map at `displacement` has at texture coordinates `uv`, to the `pixel` there.
@@ -259,7 +274,9 @@ mod tests {
         scene
     }
 
-    /// Against central differences of the points themselves, which the oracle judges elsewhere.
+    /// Against central differences of the points themselves, which the oracle judges elsewhere; what of them is the
+    /// base triangle's slope along the interpolated normal, and of linear directions the slope of the normal's own
+    /// length, is taken out.
     #[test]
     fn shading_normals_are_at_right_angles_to_the_surface() {
         const STEP: f32 = 1.0 / 256.0;
@@ -279,7 +296,17 @@ mod tests {
                 displaced(&field, Source::of_triangle(&base), w, Pixel::NONE, p)
             };
             let slope = |along: Vec3| (point(w + along * STEP) - point(w - along * STEP)) / (2.0 * STEP);
-            let (s1, s2) = (slope(Vec3::new(-1.0, 1.0, 0.0)), slope(Vec3::new(-1.0, 0.0, 1.0)));
+            let n = interpolate(w, base.n0, base.n1, base.n2).normalize();
+            let is_linear = features.normals == normals::LINEAR;
+            let along_normal = is_linear && features.displacement == displacement_kind::TANGENT;
+            let h = if along_normal {
+                components(&field, base.displacement, base.uv(w), Pixel::NONE).z
+            } else {
+                0.0
+            };
+            let smooth = |along, edge: Vec3, turn: Vec3| slope(along) - n * n.dot(edge + turn * h);
+            let s1 = smooth(Vec3::new(-1.0, 1.0, 0.0), base.p1 - base.p0, base.n1 - base.n0);
+            let s2 = smooth(Vec3::new(-1.0, 0.0, 1.0), base.p2 - base.p0, base.n2 - base.n0);
             let area = s1.cross(s2).length();
             if area < 0.1 {
                 continue;

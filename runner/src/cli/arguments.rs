@@ -1,6 +1,7 @@
 //! The arguments of a rendering, which most commands take, and what they come to.
 
 use super::inputs::{self, Inputs, MapArgument, ModelArgument};
+use super::reports::warn_of;
 use super::{CliError, say, values};
 use crate::backend::Backend;
 use crate::backend::select::{BackendChoice, open_backend};
@@ -9,11 +10,12 @@ use crate::normal_maps::{NormalMap, NormalSpace, OffsetMap};
 use crate::picture::{Destination, PictureFormat};
 use crate::render::check_memory;
 use crate::scene::scene_file::SceneFile;
+use crate::scene::subdivide::Subdivide;
 use crate::settings::{
     Bounds, ChannelOrder, DisplacementKind, Filter, Light, Method, Normals, Settings, Shade, Subdivisions,
     Weld, Wrap,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::path::PathBuf;
 use tracing::level_filters::LevelFilter;
 
@@ -80,6 +82,11 @@ pub(super) struct RenderArgs {
     /// mean FLIP from 0 (exact) to 1 (nothing alike); 0.02 is hard to see
     #[arg(long, value_name = "BUDGET", value_parser = values::flip)]
     pub(super) quality: Option<f32>,
+    /// Subdivide the base mesh before it is displaced: LEVELS times, by Catmull-Clark; after a colon, between commas,
+    /// what differs: loop, crease=DEGREES (edges that are bent by more are creases), edges (corners of open meshes
+    /// become round) [default: the scene file's, else 0]
+    #[arg(long, value_name = "LEVELS[:WORDS]")]
+    pub(super) subdivide: Option<Subdivide>,
     /// Direction in which heights are measured [default: normalized]
     #[arg(long, value_enum)]
     pub(super) normals: Option<Normals>,
@@ -110,14 +117,14 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DEVICE")]
     pub(super) device: Option<String>,
     /// Camera [default: sees the whole model]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) eye: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) eye: Option<DVec3>,
     /// Middle of the picture [default: the middle of the model]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) target: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) target: Option<DVec3>,
     /// Direction that is up in the picture [default: 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
-    pub(super) up: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(super) up: Option<DVec3>,
     /// Angle between the picture's upper and lower edge, in degrees [default: 35]
     #[arg(long, value_name = "DEGREES", value_parser = values::fov)]
     pub(super) fov: Option<f32>,
@@ -303,6 +310,7 @@ impl RenderArgs {
             scale: self.scale.and_then(values::OrDefault::given),
             exaggeration: self.exaggerate.unwrap_or(1.0),
             subdivisions: self.subdivisions.and_then(values::OrDefault::given),
+            subdivide: self.subdivide,
             invert: self.invert,
             normal_map: self.normal_map.as_deref(),
             reads_normals,
@@ -322,17 +330,21 @@ impl RenderArgs {
         Ok(inputs)
     }
 
-    /// Says what the six arguments are, and what was imported.
+    /// Says what the six arguments are, what was imported, and what of it is there twice.
     pub(super) fn report(&self, inputs: &Inputs) {
+        warn_of(&inputs.repeated.lines);
         if self.quiet {
             return;
         }
         inputs.choices.iter().for_each(say);
         let mesh = &inputs.scene.mesh;
-        let dropped = match mesh.dropped {
+        let left_out = |count: usize, why: &str| match count {
             0 => String::new(),
-            dropped => format!(", left out {dropped} without three different corners"),
+            count => format!(", left out {count} {why}"),
         };
-        say(format_args!("Imported {} triangles{dropped}", mesh.triangles.len()));
+        let dropped = left_out(mesh.dropped, "without three different corners");
+        let collapsed =
+            left_out(mesh.collapsed, "that are smaller than floats tell apart in a model of this size");
+        say(format_args!("Imported {} triangles{dropped}{collapsed}", mesh.triangles.len()));
     }
 }

@@ -7,7 +7,7 @@ use crate::backend::select::BackendChoice;
 use crate::picture::{PictureFormat, srgb_from_linear};
 use crate::settings::{ChannelOrder, Light};
 use clap::ValueEnum;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::fmt::Display;
 use std::path::Path;
 
@@ -36,6 +36,7 @@ impl RenderArgs {
             normal_map,
             normal_space,
             offset_map,
+            subdivide,
             normals,
             weld,
             bounds,
@@ -91,6 +92,7 @@ impl RenderArgs {
         if let Some(path) = offset_map {
             line.0.extend(["--offset-map".to_owned(), path_word(path)]);
         }
+        line.option("--subdivide", *subdivide);
         line.choice("--normals", *normals);
         line.choice("--weld", *weld);
         line.option("--bounds", *bounds);
@@ -99,9 +101,9 @@ impl RenderArgs {
         line.choice("--backend", (*backend != BackendChoice::Auto).then_some(*backend));
         line.assignment("--device", device.as_ref().filter(|device| device.starts_with('-')));
         line.text("--device", device.as_deref().filter(|device| !device.starts_with('-')));
-        line.assignment("--eye", eye.map(vector_text));
-        line.assignment("--target", target.map(vector_text));
-        line.assignment("--up", up.map(vector_text));
+        line.assignment("--eye", eye.map(point_text));
+        line.assignment("--target", target.map(point_text));
+        line.assignment("--up", up.map(point_text));
         line.option("--fov", *fov);
         for light in lights {
             line.assignment("--light", Some(light_text(light)));
@@ -209,8 +211,12 @@ fn vector_text(Vec3 { x, y, z }: Vec3) -> String {
     format!("{x},{y},{z}")
 }
 
+fn point_text(DVec3 { x, y, z }: DVec3) -> String {
+    format!("{x},{y},{z}")
+}
+
 fn light_text(light: &Light) -> String {
-    let mut text = format!("{}:{}", vector_text(light.position), vector_text(light.color));
+    let mut text = format!("{}:{}", point_text(light.position), vector_text(light.color));
     if let Some(intensity) = light.intensity {
         text += &format!(":{intensity}");
     }
@@ -264,8 +270,9 @@ mod tests {
         let given = "emboss render it's.obj none - 0.1 -0.3 7 --output a.png --depth 16 --size 3x5 --samples 2 \
              --method grid-walk --normal-map n.png --normal-space world --normals linear --weld off --shade normal \
              --smooth=off --backend cpu \
-             --device=4090 --eye=-1,0.33333334,3e-9 --target=1,2,3 --up=0,0,-1 --fov 20.5 \
+             --device=4090 --eye=-1,0.3333333333333333,3e-9 --target=412345.125,2,3 --up=0,0,-1 --fov 20.5 \
              --light=-1,2,3:1,0.5,0:7 --light=1,2,3:1,1,1 --shadows off --exaggerate=-1.5 --displacement height \
+             --subdivide 2:loop,crease=30 \
              --channels=-r+b+g --wrap mirror --filter trilinear --invert --seed 9 --background=0,1,0 \
              --ambient 0.2";
         let args = parsed(&given.split_whitespace().collect::<Vec<_>>());

@@ -4,10 +4,11 @@ use super::arguments::RenderArgs;
 use super::error::first_error;
 use super::interrupt::Interrupt;
 use super::{CliError, progress, say, values};
-use crate::backend::kernels_hash;
+use crate::backend::{Backend, kernels_hash};
 use crate::compare::results::{FileStamp, Identity, Results, Store};
 use crate::compare::subject::Configuration;
 use crate::compare::{CompareError, NS, Plan, markdown, report, run, usual_methods};
+use crate::reports::Reports;
 use crate::settings::{Method, Shade, Subdivisions};
 use clap::ValueEnum;
 use std::ops::ControlFlow;
@@ -104,7 +105,11 @@ impl CompareArgs {
         let is_any =
             matches!(measured, Ok(()) | Err(CompareError::Interrupted | CompareError::Failed { .. }));
         let reported = if is_any { report::write(&store).map_err(CompareError::from) } else { Ok(()) };
+        let is_measured = measured.is_ok();
         first_error(measured, reported)?;
+        if let (true, Some(reference)) = (is_measured, store.results.reference) {
+            warn_of_reference(backend.as_mut(), plan, reference.n);
+        }
         if !args.quiet {
             say_results(&store);
         }
@@ -152,6 +157,24 @@ impl CompareArgs {
         list("--n", self.ns.iter().map(Subdivisions::to_string).collect());
         list("--reference", self.reference.iter().map(u32::to_string).collect());
         words.join(" ")
+    }
+}
+
+/// Says what is wrong with the picture that all others are measured against. They are: that it could not be found out
+/// is no failure.
+fn warn_of_reference(backend: &mut dyn Backend, plan: Plan, n: u32) {
+    let Plan { mut scene, mut settings, .. } = plan;
+    scene.subdivisions = n;
+    (settings.method, settings.adaptive) = (Method::Quadtree, None);
+    let found = Reports::of(backend, scene, &settings).unwrap_or_else(|error| {
+        tracing::warn!("whether the pictures show anything could not be found out ({error})");
+        Reports::default()
+    });
+    for map in &found.undersampled {
+        tracing::warn!("the reference itself: {map}");
+    }
+    if let Some(useless) = &found.useless {
+        tracing::warn!("{useless}");
     }
 }
 

@@ -4,12 +4,15 @@ mod choices;
 mod materials;
 mod models;
 
+use super::reports::RepeatedFaces;
 use crate::render::Scene;
+use crate::reports::repeated_in;
 use crate::scene::SceneError;
 use crate::scene::assembly::{Assembly, MapSource, MaterialSource, ZERO};
 use crate::scene::builtin;
 use crate::scene::error::SceneFileProblem;
 use crate::scene::scene_file::SceneFile;
+use crate::scene::subdivide::Subdivide;
 use crate::settings::{ChannelOrder, DisplacementKind, Light, Subdivisions, Wrap};
 use crate::stats::agreed;
 use choices::{BUILTIN, Choice, DEFAULT, GIVEN, SCENE_FILE, color_name, map_name, normal_name};
@@ -59,6 +62,8 @@ pub(super) struct Request<'a> {
     /// What the scales of all materials are multiplied by.
     pub(super) exaggeration: f32,
     pub(super) subdivisions: Option<Subdivisions>,
+    /// How all models are subdivided, whatever a scene file says.
+    pub(super) subdivide: Option<Subdivide>,
     pub(super) invert: bool,
     /// `--normal-map`: of all materials.
     pub(super) normal_map: Option<&'a Path>,
@@ -99,6 +104,10 @@ pub(super) struct Inputs {
     pub(super) files: Vec<PathBuf>,
     /// Maps that materials name and that are not there.
     pub(super) missing: Vec<PathBuf>,
+    /// Whether N is what a built-in scene brings.
+    pub(super) has_own_subdivisions: bool,
+    /// Faces that lie on others.
+    pub(super) repeated: RepeatedFaces,
 }
 
 /// The six arguments cannot be used.
@@ -161,9 +170,10 @@ const USUAL_MODEL: &str = "builtin:knot";
 /// Loads what the arguments name, and fills in what they leave out.
 pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
     let mut models = match request.scene {
-        None => vec![load_model(request.model)?],
+        None => vec![load_model(request.model, request.subdivide)?],
         Some(scene) => {
-            scene.models.iter().map(|model| load_scene_model(scene, model)).collect::<Result<_, _>>()?
+            let load = |model| load_scene_model(scene, model, request.subdivide);
+            scene.models.iter().map(load).collect::<Result<_, _>>()?
         }
     };
     if let Some(scene) = request.scene {
@@ -235,8 +245,13 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         DisplacementKind::Object => ChannelOrder::Custom([(0, false), (1, false), (2, false)]),
         DisplacementKind::Height | DisplacementKind::Tangent => ChannelOrder::Blender,
     });
+    let mut repeated = RepeatedFaces::default();
+    for Model { name, repeats, .. } in &models {
+        repeated.add_model(name, repeats.repeated, repeats.triangles);
+    }
+    let is_one = models.len() == 1 && models[0].places.len() <= 1;
     let mut assembly = Assembly::new(displacement, channels);
-    for Model { mesh, materials, places, .. } in models {
+    for Model { mesh, apart, materials, places, .. } in models {
         let ids = materials.iter().map(|material| {
             let is_named = [material.color, material.height, material.normal].contains(&SCENE_FILE);
             assembly.material(&material.source).map_err(|error| match (request.scene, material.line) {
@@ -245,13 +260,18 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
             })
         });
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
-        if places.is_empty() {
-            assembly.add(mesh, &ids);
-        } else {
-            assembly.add_placed(mesh, &ids, places);
+        for mesh in std::iter::once(mesh).chain(apart) {
+            if places.is_empty() {
+                assembly.add(mesh, &ids);
+            } else {
+                assembly.add_placed(mesh, &ids, places.clone());
+            }
         }
     }
     let mut scene = assembly.finish(subdivisions.most());
+    if !is_one {
+        repeated.add_scene(request.scene.map(|scene| scene.path.as_path()), repeated_in(&scene));
+    }
     if !request.cache {
         scene.reliefs.iter_mut().for_each(|relief| relief.stem = None);
     }
@@ -266,6 +286,8 @@ pub(super) fn load(request: &Request<'_>) -> Result<Inputs, InputError> {
         scale,
         files,
         missing,
+        has_own_subdivisions: n_origin == BUILTIN,
+        repeated,
     })
 }
 

@@ -2,10 +2,12 @@
 
 use super::arguments::RenderArgs;
 use super::interrupt::Interrupt;
+use super::reports::{warn_of_undersampled, warn_of_useless};
 use super::{CliError, progress, say};
 use crate::backend::DeviceInfo;
 use crate::picture::Destination;
 use crate::render::{Cuts, Rendering, load, prepare, render};
+use crate::reports::{Ground, Reports, undersampled, useless};
 use crate::stats::{SettingsUsed, Stats};
 use emboss_kernels::interface::counter;
 use std::ops::ControlFlow;
@@ -34,7 +36,7 @@ impl RenderArgs {
         }
         self.check_own_maps(settings.method)?;
         self.report(&inputs);
-        let scene = inputs.scene;
+        let (scene, is_own_n) = (inputs.scene, inputs.has_own_subdivisions);
         let used = SettingsUsed::new(&settings, samples, &scene);
         let mut job = prepare(scene, &settings)?;
         load(backend.as_mut(), &mut job)?;
@@ -46,6 +48,8 @@ impl RenderArgs {
                 build.left_out
             );
         }
+        let undersampled = undersampled(&job);
+        warn_of_undersampled(&undersampled, is_own_n);
         if interrupt.requested() {
             return Err(CliError::InterruptedEarly);
         }
@@ -62,8 +66,20 @@ impl RenderArgs {
 
         warn_of_caps(&rendering);
         destination.write(&rendering.picture, &self.command_line())?;
-        if let Some(path) = &self.stats {
-            Stats::new(&job, &rendering, backend.as_ref(), used).write(path)?;
+        let stats =
+            self.stats.as_deref().map(|path| (path, Stats::new(&job, &rendering, backend.as_ref(), used)));
+        let useless = if rendering.interrupted {
+            None
+        } else {
+            let mut watch =
+                || if interrupt.requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let (ground, pixels) = (Ground::of_job(&job), &rendering.picture.pixels);
+            let found = useless(backend.as_mut(), &job, &ground, pixels, samples, &mut watch);
+            warn_of_useless(backend.as_ref(), found)
+        };
+        if let Some((path, stats)) = stats {
+            let warnings = Reports { repeated: inputs.repeated.repeated, undersampled, useless };
+            Stats { warnings, ..stats }.write(path)?;
         }
         if rendering.interrupted {
             return Err(CliError::Interrupted(destination.path));

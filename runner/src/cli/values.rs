@@ -5,7 +5,7 @@ use crate::picture::{PictureFormat, linear_from_srgb};
 use crate::settings::{Light, Subdivisions};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use emboss_kernels::interface::MAX_PRIMITIVES;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -176,6 +176,14 @@ pub(super) fn png_format(text: &str) -> Result<PictureFormat, String> {
     }
 }
 
+/// Three numbers, `X,Y,Z`, with all their digits; finite also as `f32`.
+pub(super) fn point(text: &str) -> Result<DVec3, String> {
+    vector(text)?;
+    let number = |word: &str| word.trim().parse().unwrap_or(f64::NAN);
+    let numbers: Vec<f64> = text.split(',').map(number).collect();
+    Ok(DVec3::from_slice(&numbers))
+}
+
 /// Three numbers, `X,Y,Z`.
 pub(super) fn vector(text: &str) -> Result<Vec3, String> {
     match text.split(',').collect::<Vec<_>>()[..] {
@@ -197,7 +205,7 @@ pub(super) fn background(text: &str) -> Result<Vec3, String> {
 /// `X,Y,Z[:R,G,B[:I]]`.
 pub(super) fn light(text: &str) -> Result<Light, String> {
     let mut parts = text.split(':');
-    let position = vector(parts.next().unwrap_or_default())?;
+    let position = point(parts.next().unwrap_or_default())?;
     let color = parts.next().map_or(Ok(Vec3::ONE), vector)?;
     let intensity = parts.next().map(not_negative).transpose()?;
     if color.min_element() < 0.0 {
@@ -280,7 +288,7 @@ mod tests {
 
     #[test]
     fn lights() {
-        let plain = Light { position: Vec3::new(1.0, 2.0, 3.0), color: Vec3::ONE, intensity: None };
+        let plain = Light { position: DVec3::new(1.0, 2.0, 3.0), color: Vec3::ONE, intensity: None };
         assert_eq!(light("1,2,3"), Ok(plain));
         let red = Light { color: Vec3::X, intensity: Some(9.0), ..plain };
         assert_eq!(light("1,2,3:1,0,0:9"), Ok(red));

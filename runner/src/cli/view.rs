@@ -2,10 +2,12 @@
 
 use super::CliError;
 use super::arguments::RenderArgs;
+use super::reports::warn_of;
 use super::values::OrDefault;
 use crate::settings::{Light, Method};
 use crate::view::{Engine, Loaded, Options, Pose, Script, Shot, Source, Unread, run};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Samples of a pixel after which a picture is as good as it gets: noise is 1/64 of that of one sample.
@@ -57,13 +59,15 @@ impl ViewArgs {
             script,
             start,
         };
-        Ok(run(Box::new(Files { args }), options)?)
+        Ok(run(Box::new(Files { args, said: Mutex::default() }), options)?)
     }
 }
 
 /// What the arguments name.
 struct Files {
     args: RenderArgs,
+    /// What was said last of faces that are there twice: a file that is read again says it again only where it differs.
+    said: Mutex<Vec<String>>,
 }
 
 impl Source for Files {
@@ -81,6 +85,13 @@ impl Source for Files {
             Unread { error: error.into(), file }
         })?;
         args.check_own_maps(settings.method).map_err(|error| Unread { error: error.into(), file: None })?;
+        {
+            let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+            if *said != inputs.repeated.lines {
+                warn_of(&inputs.repeated.lines);
+                *said = inputs.repeated.lines;
+            }
+        }
         let mut files = inputs.files;
         // They may come.
         files.extend(inputs.missing);
@@ -91,6 +102,7 @@ impl Source for Files {
             is_displaced: inputs.is_displaced,
             exaggeration: self.args.exaggerate.unwrap_or(1.0),
             scale: inputs.scale,
+            has_own_subdivisions: inputs.has_own_subdivisions,
             files,
         })
     }

@@ -203,6 +203,7 @@ struct Setting {
     path: Vec<Camera>,
     /// For each step of the path how the reference changes.
     changes: Vec<Vec<f32>>,
+    /// In render space, as what rays hit is.
     edge_length: f64,
 }
 
@@ -256,7 +257,8 @@ impl Setting {
         }
         store.results.reference = Some(summary);
         store.save()?;
-        Ok(Setting { stage, views, path, changes, edge_length: summary.edge_length })
+        let edge_length = scene.mesh.space.length(summary.edge_length);
+        Ok(Setting { stage, views, path, changes, edge_length })
     }
 
     /// Everything about a configuration, with a first round of times.

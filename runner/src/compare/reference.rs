@@ -126,7 +126,9 @@ pub fn find(
             return Err(CompareError::Interrupted);
         }
         let mut subject = Subject::load(backend, scene, settings, configuration(n), Some(stage))?;
-        Ok((subject.hits(stage.camera)?, subject.edge_length()))
+        // In units of the model, as it is reported.
+        let edge_length = subject.space().world_length(subject.edge_length());
+        Ok((subject.hits(stage.camera)?, edge_length))
     };
     let mut n = request.framed();
     let (mut hits, edge_length) = seen(n)?;

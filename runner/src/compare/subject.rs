@@ -9,6 +9,7 @@ use crate::picture::{linear_from_srgb, srgb_from_linear};
 use crate::render::{Job, RenderError, Scene, prepare};
 use crate::scene::Relief;
 use crate::settings::{Method, Settings, Subdivisions};
+use crate::space::RenderSpace;
 use crate::stats::Bytes;
 use clap::ValueEnum;
 use emboss_kernels::interface::{Camera, PointLight, counter};
@@ -62,7 +63,7 @@ impl fmt::Display for Configuration {
     }
 }
 
-/// Where the user's camera and the lights are, whatever is loaded.
+/// Where the user's camera and the lights are in render space, whatever is loaded.
 #[derive(Clone, Debug)]
 pub struct Stage {
     /// The camera.
@@ -270,8 +271,13 @@ impl<'a> Subject<'a> {
         Some(Code { instructions: code.instructions, bytes: code.bytes })
     }
 
-    /// The mean length of the base mesh's edges, in its places in the world; above 0 even where all are points, since
-    /// errors are divided by it.
+    /// The space that its cameras, its lights and what rays hit are in.
+    pub fn space(&self) -> RenderSpace {
+        self.job.space
+    }
+
+    /// The mean length of the base mesh's edges, in its places, in render space; above 0 even where all are points,
+    /// since errors are divided by it.
     pub fn edge_length(&self) -> f64 {
         let buffers = &self.job.buffers;
         let lengths = buffers.triangles.iter().flat_map(|triangle| {

@@ -1,11 +1,13 @@
 //! Models and their materials put together to a scene: each image is read once, however many materials name it.
 
 use super::image::{VectorMap, load_color_map, load_height_map, load_vector_map};
+use super::precise::bounds;
 use super::{ColorMap, HeightMap, Material, Mesh, Relief, SceneError};
 use crate::instances::Part;
 use crate::normal_maps::{NormalMap, NormalSpace};
 use crate::settings::{ChannelOrder, DisplacementKind, Wrap};
-use glam::{DAffine3, Vec3};
+use crate::space::{RenderSpace, exponent_of, origin_of};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,6 +24,16 @@ pub enum MapSource<T> {
         /// The map.
         map: Arc<T>,
     },
+}
+
+impl<T> MapSource<T> {
+    /// What users know it by.
+    pub fn name(&self) -> String {
+        match self {
+            MapSource::File(path) => path.display().to_string(),
+            MapSource::Made { name, .. } => name.clone(),
+        }
+    }
 }
 
 /// A material before its files are read.
@@ -92,7 +104,8 @@ pub struct Assembly {
     kind: DisplacementKind,
     /// Which channels of vector maps are along which axes.
     channels: ChannelOrder,
-    mesh: Mesh,
+    /// Meshes that stand as they are.
+    meshes: Vec<Mesh>,
     /// Meshes that stand in places of their own.
     placed: Vec<(Mesh, Vec<DAffine3>)>,
     /// Of vectors three each.
@@ -133,7 +146,7 @@ impl Assembly {
         Assembly {
             kind,
             channels,
-            mesh: Mesh::default(),
+            meshes: Vec::new(),
             placed: Vec::new(),
             reliefs: Vec::new(),
             materials: Vec::new(),
@@ -175,7 +188,7 @@ impl Assembly {
     /// # Panics
     /// Where they name one that is not there.
     pub fn add(&mut self, mesh: Mesh, materials: &[MaterialId]) {
-        self.mesh.append(with_materials(mesh, materials));
+        self.meshes.push(with_materials(mesh, materials));
     }
 
     /// Adds a mesh that stands in `places` and is stored once; as [`add`](Self::add).
@@ -186,11 +199,17 @@ impl Assembly {
         self.placed.push((with_materials(mesh, materials), places));
     }
 
-    /// The scene.
+    /// The scene, in a render space of its own ([`RenderSpace`]): about its middle ([`origin_of`]), and such that the
+    /// greatest coordinate of its mesh is from 1 to 2. Where meshes have places of their own, that is the one of the
+    /// smallest mesh, unless the scene then reaches beyond 2^21.
+    ///
+    /// A mesh that lies farther from the middle of all than [`MOST_EXTENTS`] times its own size is given a place of its
+    /// own, so that it keeps its digits.
     pub fn finish(self, subdivisions: u32) -> crate::render::Scene {
         let parts = self.parts();
-        let Assembly { mesh, placed, mut reliefs, materials, flat, flat_normals, .. } = self;
-        let (mesh, instanced) = joined(mesh, placed);
+        let Assembly { meshes, placed, mut reliefs, materials, flat, flat_normals, .. } = self;
+        let (mut mesh, mut instanced) = joined(meshes, placed);
+        rescale(&mut mesh, &mut instanced, &mut reliefs);
         // A single texel 0 is the same in all formats and under all wraps: it takes those of a real map, so that
         // pipelines need not know of two.
         let with_parts = |flat: u32| flat as usize..flat as usize + parts;
@@ -215,7 +234,12 @@ impl Assembly {
     /// The index of a material's relief, or of the first of its three, added where they are new.
     fn relief(&mut self, source: &MaterialSource) -> Result<u32, SceneError> {
         let &MaterialSource { scale, height_wrap: wrap, .. } = source;
-        let relief = |map: Arc<HeightMap>, zero, scale| Relief { wrap, ..Relief::new(map, zero, scale) };
+        let name = source.height.as_ref().map(MapSource::name);
+        let relief = |map: Arc<HeightMap>, zero, scale| Relief {
+            wrap,
+            name: name.clone(),
+            ..Relief::new(map, zero, scale)
+        };
         let normal_map = source.normal.as_ref().filter(|_| self.kind == DisplacementKind::Height);
         let normal_map = normal_map.map(|normal| self.normal_map(normal)).transpose()?;
         if let (None, Some(_)) = (&source.height, &normal_map) {
@@ -373,20 +397,127 @@ fn with_materials(mut mesh: Mesh, materials: &[MaterialId]) -> Mesh {
     mesh
 }
 
-/// All meshes one behind the other, and where each stands; nowhere else than it is where none is placed.
-fn joined(mesh: Mesh, placed: Vec<(Mesh, Vec<DAffine3>)>) -> (Mesh, Vec<Part>) {
+/// Farther from the middle of all meshes than so many times its size, a mesh has a place of its own: its coordinates
+/// keep at least 16 bits of its size otherwise.
+pub const MOST_EXTENTS: f64 = 256.0;
+
+/// All meshes one behind the other, and where each stands in the world less the mesh's origin; nowhere else than it is
+/// where none is placed.
+fn joined(meshes: Vec<Mesh>, placed: Vec<(Mesh, Vec<DAffine3>)>) -> (Mesh, Vec<Part>) {
+    let (near, far) = split(meshes);
+    let far = far.into_iter().map(|mesh| (mesh, vec![DAffine3::IDENTITY]));
+    let mut placed: Vec<_> = far.chain(placed).collect();
+    let as_it_is = near.unwrap_or_default();
     if placed.is_empty() {
-        return (mesh, Vec::new());
+        return (as_it_is, Vec::new());
     }
-    let as_it_is = (!mesh.triangles.is_empty()).then(|| (mesh, vec![DAffine3::IDENTITY]));
+    if !as_it_is.triangles.is_empty() {
+        placed.insert(0, (as_it_is, vec![DAffine3::IDENTITY]));
+    }
+    let world = placed.iter().filter_map(|(mesh, places)| Some((mesh.world_bounds()?, places)));
+    let corners = world.flat_map(|((min, max), places)| {
+        places.iter().flat_map(move |place| corners(min, max).map(|corner| place.transform_point3(corner)))
+    });
+    let origin = bounds(corners).map_or(DVec3::ZERO, |(min, max)| origin_of(min, max));
     let (mut whole, mut parts) = (Mesh::default(), Vec::new());
-    for (mesh, places) in as_it_is.into_iter().chain(placed) {
+    for (mesh, places) in placed {
         // Meshes have 32-bit indices.
         let triangle_count = u32::try_from(mesh.triangles.len()).unwrap_or(u32::MAX);
-        parts.push(Part { triangle_count, places });
-        whole.append(mesh);
+        let of_mesh = |place: DAffine3| {
+            let translation = place.transform_point3(mesh.space.origin) - origin;
+            DAffine3::from_mat3_translation(place.matrix3, translation)
+        };
+        parts.push(Part { triangle_count, places: places.into_iter().map(of_mesh).collect() });
+        whole.append(Mesh { space: RenderSpace::default(), ..mesh });
     }
+    whole.space.origin = origin;
     (whole, parts)
+}
+
+/// The meshes that can share an origin, joined about it to one, where there are any; and the others.
+fn split(meshes: Vec<Mesh>) -> (Option<Mesh>, Vec<Mesh>) {
+    let box_of_all = |meshes: &[Mesh]| {
+        let corners = meshes.iter().filter_map(Mesh::world_bounds).flat_map(|(min, max)| [min, max]);
+        bounds(corners).map_or(DVec3::ZERO, |(min, max)| origin_of(min, max))
+    };
+    let origin = box_of_all(&meshes);
+    let is_far = |mesh: &Mesh| {
+        mesh.world_bounds().is_some_and(|(min, max)| {
+            let reach = (min - origin).abs().max((max - origin).abs()).max_element();
+            reach > MOST_EXTENTS * (max - min).max_element()
+        })
+    };
+    if meshes.len() < 2 {
+        return (meshes.into_iter().next(), Vec::new());
+    }
+    let (mut far, near): (Vec<Mesh>, Vec<Mesh>) = meshes.into_iter().partition(is_far);
+    let space = RenderSpace { origin: box_of_all(&near), exponent: 0 };
+    let mut joined: Option<Mesh> = None;
+    for mesh in near {
+        let kept = mesh.in_space(space).filter(|moved| moved.collapsed == mesh.collapsed);
+        match (kept, &mut joined) {
+            // Its triangles are so small that some would vanish.
+            (None, _) => far.push(mesh),
+            (Some(moved), None) => joined = Some(moved),
+            (Some(moved), Some(joined)) => joined.append(moved),
+        }
+    }
+    (joined, far)
+}
+
+/// The corners of a box.
+fn corners(min: DVec3, max: DVec3) -> [DVec3; 8] {
+    std::array::from_fn(|i| DVec3::select(glam::BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0), max, min))
+}
+
+/// How far a scene with places reaches in its render space, as an exponent, where its smallest mesh can reach 1.
+const MOST_REACH: i32 = 20;
+
+/// Multiplies all lengths of a scene by a power of two: see [`Assembly::finish`].
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "of a power of two times a float, which is rounded if it is tiny"
+)]
+fn rescale(mesh: &mut Mesh, parts: &mut [Part], reliefs: &mut [Relief]) {
+    let reach = |vertices: &mut dyn Iterator<Item = Vec3>| {
+        f64::from(vertices.fold(0.0_f32, |reach, p| reach.max(p.abs().max_element())))
+    };
+    let mut rest = &mesh.triangles[..];
+    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    for part in &*parts {
+        let triangles;
+        (triangles, rest) = rest.split_at((part.triangle_count as usize).min(rest.len()));
+        let positions = triangles.iter().flat_map(|t| t.vertices).map(|v| mesh.vertices[v as usize].position);
+        let own = reach(&mut positions.into_iter());
+        least = least.min(own);
+        let far = |place: &DAffine3| place.translation.abs().max_element() + own * row_sum(place.matrix3);
+        most = part.places.iter().map(far).fold(most.max(own), f64::max);
+    }
+    if parts.is_empty() {
+        least = reach(&mut mesh.vertices.iter().map(|vertex| vertex.position));
+        most = least;
+    }
+    if !(least.is_finite() && most.is_finite() && least > 0.0) {
+        return;
+    }
+    let exponent = (-exponent_of(least)).min(MOST_REACH - exponent_of(most));
+    let factor = 2_f64.powi(exponent);
+    let scaled = |x: f32| (f64::from(x) * factor) as f32;
+    for vertex in &mut mesh.vertices {
+        vertex.position = vertex.position.map(scaled);
+    }
+    for relief in reliefs {
+        relief.scale = scaled(relief.scale);
+    }
+    for place in parts.iter_mut().flat_map(|part| &mut part.places) {
+        place.translation *= factor;
+    }
+    mesh.space.exponent += exponent;
+}
+
+/// The greatest sum of magnitudes in a row: no coordinate grows by more.
+fn row_sum(m: DMat3) -> f64 {
+    (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element()
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! What can be wrong with a scene's files: each message names the file, the line where there is one, and a remedy.
 
+use emboss_kernels::interface::MAX_PRIMITIVES;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -68,6 +69,23 @@ pub enum SceneError {
         path: PathBuf,
         /// How many triangles there are.
         dropped: usize,
+    },
+    /// A model would have more triangles than a BVH holds, once it is subdivided.
+    #[error(
+        "{}: {levels} levels of subdivision make {triangles} triangles of its {faces} faces, more than the \
+            {MAX_PRIMITIVES} of a BVH; subdivide it at most {most} times", path.display()
+    )]
+    TooFine {
+        /// The model.
+        path: PathBuf,
+        /// The levels that were asked for.
+        levels: u32,
+        /// How many triangles that would make.
+        triangles: u64,
+        /// How many faces it has.
+        faces: usize,
+        /// The most levels that fit.
+        most: u32,
     },
     /// The OBJ reader refused what this module's own checks let pass.
     #[error("{}: cannot be read as OBJ: {source}; check the export", path.display())]
@@ -138,6 +156,7 @@ impl SceneError {
             | SceneError::Decode { path, .. }
             | SceneError::NoTexels { path, .. }
             | SceneError::NoVectors { path }
+            | SceneError::TooFine { path, .. }
             | SceneError::TooManyTexels { path, .. } => path,
         }
     }

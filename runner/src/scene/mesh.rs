@@ -1,8 +1,9 @@
 //! Making a [`Mesh`] out of loose triangles: welding, normals, orientation.
 
 use super::Mesh;
+use crate::space::RenderSpace;
 use emboss_kernels::interface::{FLIPPED, NO_SEAMS, Triangle, Vertex};
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DVec2, DVec3, Vec3};
 use std::collections::HashMap;
 
 /// A triangle of the source with three different positions.
@@ -46,6 +47,17 @@ impl Mesh {
         vertices: &[Vertex],
         triangles: impl ExactSizeIterator<Item = ([u32; 3], u32)>,
     ) -> Self {
+        Self::with_tiles(vertices, &[], triangles)
+    }
+
+    /// [`with_materials`](Self::with_materials), of each vertex with [`Mesh::tiles`], where there are any. Vertices
+    /// that differ in these do not become one.
+    pub(super) fn with_tiles(
+        vertices: &[Vertex],
+        tiles: &[DVec2],
+        triangles: impl ExactSizeIterator<Item = ([u32; 3], u32)>,
+    ) -> Self {
+        let tile = |v: u32| tiles.get(v as usize).copied().unwrap_or_default();
         let given = triangles.len();
         let faces: Vec<Face> = triangles.filter_map(|(t, material)| face(vertices, t, material)).collect();
         let positions = weld_positions(vertices, &faces);
@@ -54,10 +66,11 @@ impl Mesh {
         let indices: Vec<[u32; 3]> = faces
             .iter()
             .map(|face| {
-                face.vertices.map(|v| unified.insert(vertices[v as usize], positions[v as usize], &normals))
+                face.vertices
+                    .map(|v| unified.insert(vertices[v as usize], tile(v), positions[v as usize], &normals))
             })
             .collect();
-        let (vertices, new_index) = unified.into_sorted();
+        let (vertices, tiles, new_index) = unified.into_sorted();
         let triangle = |(t, face): (&[u32; 3], &Face)| {
             oriented(t.map(|v| new_index[v as usize])).with_material(face.material)
         };
@@ -65,19 +78,32 @@ impl Mesh {
             vertices,
             triangles: indices.iter().zip(&faces).map(triangle).collect(),
             dropped: given - faces.len(),
+            collapsed: 0,
             starts: Vec::new(),
+            tiles: if tiles.iter().all(|&tile| tile == DVec2::ZERO) { Vec::new() } else { tiles },
+            space: RenderSpace::default(),
         }
     }
 
-    /// The mesh in another place; `None` where its coordinates are not finite there or no triangle is left. A mirrored
-    /// one keeps its outside. Where rounding moves vertices to one position they are welded, as in
-    /// [`from_triangles`](Self::from_triangles).
+    /// The mesh in another place of its own [space](Mesh::space); `None` where its coordinates are not finite there or
+    /// no triangle is left. A mirrored one keeps its outside. Where rounding moves vertices to one position they are
+    /// welded, as in [`from_triangles`](Self::from_triangles); triangles that are left out for that are
+    /// [collapsed](Mesh::collapsed).
     pub fn transformed(&self, world_from_model: DAffine3) -> Option<Self> {
+        self.carried(world_from_model, self.space)
+    }
+
+    /// The mesh in another place and another space; as [`transformed`](Self::transformed). Each position is computed in
+    /// f64 and rounded once.
+    pub(super) fn carried(&self, world_from_model: DAffine3, space: RenderSpace) -> Option<Self> {
         let matrix = world_from_model.matrix3;
         let normal_matrix = matrix.inverse().transpose();
         let mirrored = matrix.determinant() < 0.0;
+        // Origins, which may be far away, are subtracted from each other first.
+        let stretch = space.scale() / self.space.scale();
+        let shift = space.point(world_from_model.transform_point3(self.space.origin));
         let transformed = |vertex: &Vertex| Vertex {
-            position: world_from_model.transform_point3(vertex.position.as_dvec3()).as_vec3(),
+            position: (matrix * vertex.position.as_dvec3() * stretch + shift).as_vec3(),
             normal: (normal_matrix * vertex.normal.as_dvec3()).normalize_or_zero().as_vec3(),
             ..*vertex
         };
@@ -90,16 +116,25 @@ impl Mesh {
         if !vertices.iter().all(|vertex| vertex.position.is_finite()) {
             return None;
         }
-        let mesh = Self::with_materials(&vertices, triangles);
-        let dropped = mesh.dropped + self.dropped;
-        (!mesh.triangles.is_empty()).then_some(Self { dropped, ..mesh })
+        let mesh = Self::with_tiles(&vertices, &self.tiles, triangles);
+        let (dropped, collapsed) = (self.dropped, mesh.dropped + self.collapsed);
+        (!mesh.triangles.is_empty()).then_some(Self { dropped, collapsed, space, ..mesh })
     }
 
     /// Adds the triangles of another mesh, which do not weld with those that are there.
+    ///
+    /// # Panics
+    /// Where it is of another [space](Mesh::space).
     pub fn append(&mut self, other: Self) {
         if self.vertices.is_empty() {
             *self = other;
             return;
+        }
+        assert!(self.space == other.space, "meshes of two spaces have no coordinates in common");
+        if !(self.tiles.is_empty() && other.tiles.is_empty()) {
+            self.tiles.resize(self.vertices.len(), DVec2::ZERO);
+            self.tiles.extend(&other.tiles);
+            self.tiles.resize(self.vertices.len() + other.vertices.len(), DVec2::ZERO);
         }
         let start = index(self.vertices.len());
         self.starts.push(start);
@@ -108,9 +143,10 @@ impl Mesh {
         let moved = |t: Triangle| Triangle { vertices: t.vertices.map(|v| start + v), ..t };
         self.triangles.extend(other.triangles.into_iter().map(moved));
         self.dropped += other.dropped;
+        self.collapsed += other.collapsed;
     }
 
-    /// The corners of the mesh's box, least first; `None` where it has no vertex.
+    /// The corners of the mesh's box in its own [space](Mesh::space), least first; `None` where it has no vertex.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let first = self.vertices.first()?.position;
         Some(
@@ -205,34 +241,40 @@ impl NormalSum {
 /// Vertices, each stored once, with the number of its position.
 #[derive(Default)]
 struct Unified {
-    index_of: HashMap<[u32; 8], u32>,
-    vertices: Vec<(u32, Vertex)>,
+    index_of: HashMap<([u32; 8], [u64; 2]), u32>,
+    vertices: Vec<(u32, Vertex, DVec2)>,
 }
 
 impl Unified {
     /// The index of `vertex` with its final normal, added where it is new.
-    fn insert(&mut self, vertex: Vertex, position: u32, normals: &[Vec3]) -> u32 {
+    fn insert(&mut self, vertex: Vertex, tile: DVec2, position: u32, normals: &[Vec3]) -> u32 {
         let given = vertex.normal.as_dvec3().normalize_or_zero().as_vec3();
         let normal = if given == Vec3::ZERO { normals[position as usize] } else { given };
         let vertex = Vertex { normal, ..vertex };
         let [[x, y, z], [nx, ny, nz]] = [vertex.position, normal].map(bits);
         let key = [x, y, z, nx, ny, nz, float_bits(vertex.u), float_bits(vertex.v)];
+        let key = (key, tile.to_array().map(|tile| (tile + 0.0).to_bits()));
         let next = index(self.vertices.len());
         *self.index_of.entry(key).or_insert_with(|| {
-            self.vertices.push((position, vertex));
+            self.vertices.push((position, vertex, tile));
             next
         })
     }
 
-    /// The vertices in order of position, and for each former index the new one.
-    fn into_sorted(self) -> (Vec<Vertex>, Vec<u32>) {
+    /// The vertices in order of position with their tiles, and for each former index the new one.
+    fn into_sorted(self) -> (Vec<Vertex>, Vec<DVec2>, Vec<u32>) {
         let mut order: Vec<u32> = (0..index(self.vertices.len())).collect();
         order.sort_by_key(|&v| self.vertices[v as usize].0);
         let mut new_index = vec![0; order.len()];
         for (new, &old) in order.iter().enumerate() {
             new_index[old as usize] = index(new);
         }
-        (order.iter().map(|&v| self.vertices[v as usize].1).collect(), new_index)
+        let sorted = || order.iter().map(|&v| self.vertices[v as usize]);
+        (
+            sorted().map(|(_, vertex, _)| vertex).collect(),
+            sorted().map(|(_, _, tile)| tile).collect(),
+            new_index,
+        )
     }
 }
 
@@ -444,7 +486,7 @@ mod tests {
             let transform = DAffine3::from_mat3_translation(matrix, DVec3::new(1.0, 2.0, 3.0));
             let mesh = plane().transformed(transform).expect("finite");
             let [triangle] = mesh.triangles[..] else { panic!("{mesh:?}") };
-            assert_eq!((triangle.material(), mesh.dropped), (3, 1));
+            assert_eq!((triangle.material(), mesh.dropped, mesh.collapsed), (3, 1, 0));
             for v in &mesh.vertices {
                 // The triangle is up to 7 long and 1e-3 wide, and its corners are off by 2^-24 of 4.
                 assert!(v.normal.abs_diff_eq(normal_in(&mesh, triangle), 1e-3), "{scale} {v:?}");

@@ -8,14 +8,17 @@ mod mesh;
 pub mod mip_levels;
 mod noise;
 pub mod obj;
+pub mod precise;
 pub mod scene_file;
 pub mod seams;
+pub mod subdivide;
 mod tangents;
 
 use crate::normal_maps::NormalMap;
 use crate::settings::Wrap;
+use crate::space::RenderSpace;
 use emboss_kernels::interface::{Triangle, Vertex};
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -31,8 +34,16 @@ pub struct Mesh {
     pub triangles: Vec<Triangle>,
     /// How many triangles of the source had two corners at one position, or fewer than three, and were left out.
     pub dropped: usize,
+    /// How many triangles had three different corners in the source, but not in `f32` about the mesh's own origin, and
+    /// were left out: see [`precise`].
+    pub collapsed: usize,
     /// The first vertex of each mesh that was [appended](Mesh::append): those before it have nothing in common with it.
     pub starts: Vec<u32>,
+    /// Whole tiles that were subtracted from each vertex's texture coordinates, even numbers; empty where none were.
+    /// See [`Mesh::with_whole_coordinates`].
+    pub tiles: Vec<DVec2>,
+    /// The space that its positions are in. Of a [scene](crate::render::Scene) it is the render space.
+    pub space: RenderSpace,
 }
 
 /// What a model's file says of one of its materials.
@@ -85,13 +96,15 @@ pub struct Relief {
     pub map: Arc<HeightMap>,
     /// The texel value of no displacement.
     pub zero: f32,
-    /// Height of a texel step from 0 to 1, in model units.
+    /// Height of a texel step from 0 to 1, in the units of the mesh's positions: see [`Mesh::space`].
     pub scale: f32,
     /// How the map is read outside [0,1); `None`: as the settings say.
     pub wrap: Option<Wrap>,
     /// How the names of the files begin that keep what is computed of the map: with its own; `None`: nothing is kept.
     /// See [`distance_files`](crate::distance_files).
     pub stem: Option<PathBuf>,
+    /// What users know the map by: its file, or the built-in scene that made it; `None` where there is no map.
+    pub name: Option<String>,
     /// What `--method normal-map` lights it by; `None`: as the settings say, else by a map that is made from this one.
     pub normal_map: Option<NormalMap>,
 }
@@ -99,7 +112,7 @@ pub struct Relief {
 impl Relief {
     /// A relief that is wrapped as the settings say, of which nothing is kept, and that has no normal map.
     pub fn new(map: impl Into<Arc<HeightMap>>, zero: f32, scale: f32) -> Self {
-        Self { map: map.into(), zero, scale, wrap: None, stem: None, normal_map: None }
+        Self { map: map.into(), zero, scale, wrap: None, stem: None, name: None, normal_map: None }
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::SceneError;
 use super::error::SceneFileProblem;
+use super::subdivide::{NoSubdivision, Subdivide};
 use crate::instances;
 use crate::normal_maps::NormalSpace;
 use crate::picture::linear_from_srgb;
@@ -81,6 +82,8 @@ pub struct SceneModel {
     pub source: ModelSource,
     /// Its materials.
     pub materials: MaterialChoice,
+    /// How it is subdivided.
+    pub subdivide: Option<Subdivide>,
     /// Where it stands; of instances how it is before they place it.
     pub world_from_model: DAffine3,
     /// Where its instances stand; none: it stands once.
@@ -172,6 +175,7 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
         (error.span().map_or(0, |span| span.start), SceneFileProblem::Toml { message })
     })?;
     let Document { render, camera, light, material, model, instance } = document;
+    let usual_subdivide = render.subdivide.map(|subdivide| subdivide.0);
     let sides = [(render.width, Settings::default().width), (render.height, Settings::default().height)];
     let [width, height] = sides.map(|(side, usual)| u64::from(side.map_or(usual, |side| side.0)));
     if width * height > u32::MAX.into() {
@@ -200,7 +204,8 @@ fn parse(path: &Path, text: &str) -> Result<SceneFile, Problem> {
             return Err((at, SceneFileProblem::TwoModels { name: name.as_ref().clone() }));
         }
         names.push(name.map(Spanned::into_inner));
-        models.push(table.model(folder, at, line(at), &materials)?);
+        let model = table.model(folder, at, line(at), &materials)?;
+        models.push(SceneModel { subdivide: model.subdivide.or(usual_subdivide), ..model });
     }
     for table in instance {
         let at = table.span().start;
@@ -259,6 +264,7 @@ struct RenderTable {
     height: Option<Side>,
     samples: Option<Samples>,
     n: Option<NValue>,
+    subdivide: Option<SubdivideValue>,
     method: Option<Method>,
     displacement: Option<DisplacementKind>,
     channels: Option<ChannelOrder>,
@@ -296,13 +302,36 @@ impl TryFrom<NumberOrText> for NValue {
     }
 }
 
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "LevelsOrText")]
+struct SubdivideValue(Subdivide);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "levels from 0 to 12, or a text such as \"2:loop,crease=30\"")]
+enum LevelsOrText {
+    Levels(i64),
+    Text(String),
+}
+
+impl TryFrom<LevelsOrText> for SubdivideValue {
+    type Error = NoSubdivision;
+
+    fn try_from(given: LevelsOrText) -> Result<Self, NoSubdivision> {
+        match given {
+            LevelsOrText::Levels(levels) => levels.to_string().parse(),
+            LevelsOrText::Text(text) => text.parse(),
+        }
+        .map(SubdivideValue)
+    }
+}
+
 /// `[camera]`.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct CameraTable {
-    eye: Option<[Number; 3]>,
-    target: Option<[Number; 3]>,
-    up: Option<[Number; 3]>,
+    eye: Option<[Double; 3]>,
+    target: Option<[Double; 3]>,
+    up: Option<[Double; 3]>,
     fov: Option<Fov>,
 }
 
@@ -310,7 +339,7 @@ struct CameraTable {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightTable {
-    position: [Number; 3],
+    position: [Double; 3],
     color: Option<[NotNegative; 3]>,
     intensity: Option<NotNegative>,
 }
@@ -344,8 +373,9 @@ struct ModelTable {
     path: Option<String>,
     builtin: Option<Spanned<String>>,
     material: Option<Spanned<MaterialChoice>>,
-    translate: Option<[Number; 3]>,
-    rotate: Option<[Number; 3]>,
+    subdivide: Option<SubdivideValue>,
+    translate: Option<[Double; 3]>,
+    rotate: Option<[Double; 3]>,
     scale: Option<Spanned<Scale>>,
 }
 
@@ -354,16 +384,16 @@ struct ModelTable {
 #[serde(deny_unknown_fields)]
 struct InstanceTable {
     model: Spanned<String>,
-    translate: Option<[Number; 3]>,
-    rotate: Option<[Number; 3]>,
+    translate: Option<[Double; 3]>,
+    rotate: Option<[Double; 3]>,
     scale: Option<Spanned<Scale>>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged, expecting = "a number, or three numbers for x, y and z")]
 enum Scale {
-    Uniform(Number),
-    Axes([Number; 3]),
+    Uniform(Double),
+    Axes([Double; 3]),
 }
 
 impl LightTable {
@@ -427,29 +457,30 @@ impl ModelTable {
             let known = materials.keys().cloned().collect();
             return Err((at, SceneFileProblem::UnknownMaterial { name: name.to_owned(), known }));
         }
-        Ok(SceneModel { line, source, materials: choice, world_from_model, places: Vec::new() })
+        let subdivide = self.subdivide.map(|subdivide| subdivide.0);
+        Ok(SceneModel { line, source, materials: choice, subdivide, world_from_model, places: Vec::new() })
     }
 }
 
 /// Scaled along a model's axes, then turned about x, then y, then z, then moved.
 fn transform(
     scale: Option<&Spanned<Scale>>,
-    rotate: Option<[Number; 3]>,
-    translate: Option<[Number; 3]>,
+    rotate: Option<[Double; 3]>,
+    translate: Option<[Double; 3]>,
 ) -> Result<DAffine3, Problem> {
     let factors = match scale.map(Spanned::as_ref) {
         None => DVec3::ONE,
-        Some(Scale::Uniform(factor)) => DVec3::splat(factor.0.into()),
-        Some(&Scale::Axes(axes)) => vector(axes).as_dvec3(),
+        Some(Scale::Uniform(factor)) => DVec3::splat(factor.0),
+        Some(&Scale::Axes(axes)) => vector(axes),
     };
     if let Some(table) = scale
         && factors.cmpeq(DVec3::ZERO).any()
     {
         return Err((table.span().start, SceneFileProblem::ZeroScale));
     }
-    let [x, y, z] = rotate.unwrap_or_default().map(|degrees| f64::from(degrees.0).to_radians());
+    let [x, y, z] = rotate.unwrap_or_default().map(|degrees| degrees.0.to_radians());
     let rotation = DMat3::from_euler(EulerRot::ZYX, z, y, x);
-    let translation = vector(translate.unwrap_or_default()).as_dvec3();
+    let translation = vector(translate.unwrap_or_default());
     Ok(DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(factors), translation))
 }
 
@@ -465,7 +496,7 @@ impl MaterialChoice {
     }
 }
 
-fn vector(numbers: [Number; 3]) -> Vec3 {
+fn vector(numbers: [Double; 3]) -> DVec3 {
     numbers.map(|number| number.0).into()
 }
 
@@ -499,6 +530,8 @@ macro_rules! checked {
 checked! {
     #[doc = "A number that is finite as an `f32`."]
     Number(f32) from "f64" f64: finite, "`{given}` is not finite; write a number such as 0.5";
+    #[doc = "A number with all its digits, finite also as an `f32`."]
+    Double(f64) from "f64" f64: |x| finite(x).map(|_| x), "`{given}` is not finite; write a number such as 0.5";
     #[doc = "A number that is 0 or more."]
     NotNegative(f32) from "f64" f64: |x| finite(x).filter(|x| *x >= 0.0),
         "`{given}` is not a number from 0 on; light is 0 or more";
@@ -568,10 +601,10 @@ mod tests {
         assert_eq!(scene.settings(), expected);
         assert_eq!(background, Some(Vec3::new(0.0, 1.0, grey)));
         let vectors = [view.eye, view.target, view.up].map(Option::unwrap);
-        assert_eq!(vectors, [Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 5.0, 6.5), Vec3::Z]);
+        assert_eq!(vectors, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.5), DVec3::Z]);
         assert_eq!(view.fov, 50.0);
-        let plain = Light { position: Vec3::new(7.0, 8.0, 9.0), color: Vec3::ONE, intensity: None };
-        let second = Light { position: Vec3::ZERO, color: Vec3::new(2.0, 1.0, 0.0), intensity: Some(3.0) };
+        let plain = Light { position: DVec3::new(7.0, 8.0, 9.0), color: Vec3::ONE, intensity: None };
+        let second = Light { position: DVec3::ZERO, color: Vec3::new(2.0, 1.0, 0.0), intensity: Some(3.0) };
         assert_eq!(lights, [plain, second]);
     }
 
@@ -582,6 +615,26 @@ mod tests {
         assert_eq!((scene.samples, scene.subdivisions, scene.models[0].line), (None, None, 1));
         assert_eq!(scene.models[0].world_from_model, DAffine3::IDENTITY);
         assert_eq!(scene.models[0].materials, MaterialChoice::Own);
+        assert_eq!(scene.models[0].subdivide, None);
+    }
+
+    #[test]
+    fn models_are_subdivided_as_they_say_else_as_the_picture_says() {
+        let scene = parsed(&format!(
+            "[render]\nsubdivide = 2\n{CUBE}{CUBE}subdivide = 0\n{CUBE}subdivide = \"3:loop,crease=30\"\n"
+        ));
+        let texts: Vec<_> = scene
+            .models
+            .iter()
+            .map(|model| model.subdivide.map(|s| s.to_string()).unwrap_or_default())
+            .collect();
+        assert_eq!(texts, ["2", "0", "3:loop,crease=30"]);
+        for bad in ["-1", "13", "\"2:lop\"", "2.5", "true"] {
+            let (_, problem) =
+                parse(Path::new(""), &format!("{CUBE}subdivide = {bad}\n")).expect_err("no subdivision");
+            let message = problem.to_string();
+            assert!(message.contains("levels") && message.contains("2:loop"), "{bad}: {message}");
+        }
     }
 
     #[test]

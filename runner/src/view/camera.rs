@@ -2,7 +2,8 @@
 
 use super::tuning::Pose;
 use crate::framing::{Framing, View};
-use glam::{DQuat, DVec3, Vec3};
+use crate::space::RenderSpace;
+use glam::{DQuat, DVec3};
 
 /// How near to straight up or down the camera may look, in radians.
 const POLE: f64 = 0.02;
@@ -20,33 +21,37 @@ pub(super) struct Camera {
     /// What is up: turns go round it.
     axis: DVec3,
     fov: f32,
+    /// What it is rendered in.
+    space: RenderSpace,
 }
 
 impl Camera {
     /// The camera that a view comes to.
     pub(super) fn new(framing: &Framing, view: &View) -> Camera {
         let forward = framing.camera.forward.as_dvec3();
-        let wanted = view.up.unwrap_or(view.usual_up).as_dvec3().normalize_or(DVec3::Y);
+        let wanted = view.up.unwrap_or(view.usual_up.as_dvec3()).normalize_or(DVec3::Y);
         // Straight down a map, say, up is what the picture has there.
         let is_across = forward.cross(wanted).length() > POLE.sin();
         let axis = if is_across { wanted } else { framing.camera.up.as_dvec3().normalize_or(DVec3::Y) };
-        let (eye, target) = (framing.camera.eye.as_dvec3(), framing.target.as_dvec3());
-        let target = if target == eye { eye + forward } else { target };
-        Camera { eye, target, axis, fov: view.fov }
+        let space = framing.space;
+        let (eye, target) = (framing.world_eye(), framing.world_target());
+        let target = if target == eye { eye + forward * space.world_length(1.0) } else { target };
+        Camera { eye, target, axis, fov: view.fov, space }
     }
 
-    /// The camera for the settings: rounded to the digits that a command line has.
+    /// The camera for the settings: with no more digits than floats have of the way to the target.
     pub(super) fn pose(&self) -> Pose {
+        let distance = self.distance();
         Pose {
-            eye: self.eye.as_vec3(),
-            target: self.target.as_vec3(),
-            up: self.axis.as_vec3(),
+            eye: short(self.eye, distance),
+            target: short(self.target, distance),
+            up: short(self.axis, 1.0),
             fov: self.fov,
         }
     }
 
-    pub(super) fn eye(&self) -> Vec3 {
-        self.eye.as_vec3()
+    pub(super) fn eye(&self) -> DVec3 {
+        short(self.eye, self.distance())
     }
 
     /// Looks elsewhere from where it is: by angles in radians, to the right and upwards.
@@ -65,7 +70,7 @@ impl Camera {
         let right = forward.cross(self.axis).normalize();
         let step = right * way.x + self.axis * way.y + forward * way.z;
         // Beyond what floats can tell from where it was the picture would be none.
-        if (self.eye + step).abs().max_element() < 1e12 {
+        if self.space.point(self.eye + step).abs().max_element() < 1e12 {
             self.eye += step;
             self.target += step;
         }
@@ -91,14 +96,41 @@ impl Camera {
     }
 }
 
+/// A point in short decimals: those of its floats, where these are as near to it as floats tell lengths of `distance`
+/// apart, else with digits up to there.
+fn short(p: DVec3, distance: f64) -> DVec3 {
+    let apart = distance * f64::from(f32::EPSILON) * 0.5;
+    p.map(|x| {
+        #[expect(clippy::cast_possible_truncation, reason = "rounded, and compared")]
+        let rounded = x as f32;
+        let decimal: f64 = rounded.to_string().parse().unwrap_or(x);
+        if (decimal - x).abs() <= apart {
+            return decimal;
+        }
+        // The least place that is below what floats tell apart.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 300")]
+        let places = (-apart.log10()).ceil().clamp(0.0, 300.0) as usize;
+        format!("{x:.places$}").parse().unwrap_or(x)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::framing::frame;
+    use crate::framing;
+    use glam::Vec3;
+
+    fn frame(
+        view: &View,
+        boxes: &[emboss_kernels::aabb::Aabb],
+        aspect: f64,
+    ) -> Result<Framing, framing::FramingError> {
+        framing::frame(view, boxes, aspect, &RenderSpace::default())
+    }
 
     /// At (0,0,5), looks at the origin.
     fn camera() -> Camera {
-        let (eye, target) = (Some(Vec3::Z * 5.0), Some(Vec3::ZERO));
+        let (eye, target) = (Some(DVec3::Z * 5.0), Some(DVec3::ZERO));
         let view = View { eye, target, ..View::default() };
         Camera::new(&frame(&view, &[], 1.5).expect("a camera"), &view)
     }
@@ -156,9 +188,30 @@ mod tests {
         assert!((again.camera.forward - framing.camera.forward).abs().max_element() < 1e-6);
     }
 
+    /// Far from the origin it keeps the digits of what is near to it, in decimals that are no longer than that asks.
+    #[test]
+    fn pose_has_the_digits_of_the_way_to_the_target() {
+        let space = RenderSpace { origin: DVec3::new(412_344.0, 0.0, -5e9), exponent: 3 };
+        let at = |offset: DVec3| Some(space.origin + offset);
+        let (eye, target) = (at(DVec3::new(0.1, 0.7, 1.3)), at(DVec3::splat(1.0 / 3.0)));
+        let view = View { eye, target, ..View::default() };
+        let framing = framing::frame(&view, &[], 1.5, &space).expect("a camera");
+        let camera = Camera::new(&framing, &view);
+        let pose = camera.pose();
+        for (short, given) in [(pose.eye, eye), (pose.target, target)] {
+            let off = (short - given.expect("given")).abs();
+            // A rounding of the short decimal, one of the float, and those of doubles 5e9 away: 2^-21.
+            assert!(off.max_element() <= 2e-7 * camera.distance() + 5e-7, "{short} {off}");
+            assert!(short.x.to_string().len() <= 15 && short.y.to_string().len() <= 11, "{short}");
+        }
+        let again = View { eye: Some(pose.eye), target: Some(pose.target), up: Some(pose.up), ..view };
+        let again = framing::frame(&again, &[], 1.5, &space).expect("a camera");
+        assert!(again.camera.eye.distance(framing.camera.eye) < 1e-5);
+    }
+
     #[test]
     fn camera_that_looks_straight_down_can_be_turned() {
-        let view = View { eye: Some(Vec3::Y), target: Some(Vec3::ZERO), ..View::default() };
+        let view = View { eye: Some(DVec3::Y), target: Some(DVec3::ZERO), ..View::default() };
         let mut camera = Camera::new(&frame(&view, &[], 1.0).expect("a camera"), &view);
         camera.orbit(0.3, 0.2);
         assert!(camera.eye.is_finite() && (camera.distance() - 1.0).abs() < 1e-9, "{camera:?}");

@@ -62,6 +62,8 @@ pub struct Loaded {
     pub exaggeration: f32,
     /// The scale of all height maps before that, where it is one.
     pub scale: Option<f32>,
+    /// Whether N is what a built-in scene brings, as its maker chose.
+    pub has_own_subdivisions: bool,
     /// The files that it was read from, and those that it would be if they were there. Libraries of an OBJ lie beside
     /// it.
     pub files: Vec<PathBuf>,

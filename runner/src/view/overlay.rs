@@ -4,7 +4,7 @@ use super::canvas::{Canvas, Font};
 use super::state::{SceneInfo, State};
 use super::tuning::{Pose, name_of};
 use crate::framing::key_light;
-use glam::Vec3;
+use glam::DVec3;
 
 /// What is said of the rendering.
 #[derive(Clone, Debug, Default)]
@@ -116,9 +116,11 @@ fn settings(state: &State, scene: &SceneInfo) -> Vec<Line> {
 
 fn light(state: &State) -> String {
     let lights = state.lights();
-    let place = |Vec3 { x, y, z }: Vec3| format!("{x:.2},{y:.2},{z:.2}");
+    let place = |DVec3 { x, y, z }: DVec3| format!("{x:.2},{y:.2},{z:.2}");
     match (&lights[..], state.framing) {
-        ([], Some(framing)) => format!("{} (camera's)", place(key_light(&framing).position)),
+        ([], Some(framing)) => {
+            format!("{} (camera's)", place(framing.space.world(key_light(&framing).position.as_dvec3())))
+        }
         ([], None) => String::new(),
         ([only], _) => place(only.position),
         ([first, ..], _) => format!("{} and {} more", place(first.position), lights.len() - 1),

@@ -16,10 +16,12 @@ use crate::backend::{Backend, BackendError};
 use crate::framing::{self, Framing};
 use crate::picture::{Destination, Picture};
 use crate::render::{Job, RenderError};
+use crate::reports::{Undersampled, Useless};
 use crate::settings::Subdivisions;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::interface::Frame;
-use loading::load;
+use loading::{Ready, load};
+use std::mem::Discriminant;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -39,6 +41,8 @@ const LEAST_LEVEL: u32 = 5;
 const FIRST_LEVEL: u32 = 4;
 /// How often pictures come while samples are added: as often as screens show them.
 const REFRESH: Duration = Duration::from_millis(16);
+/// A picture of so many samples is one at which the camera rests.
+const RESTED: u32 = 2;
 /// Share of the time that goes into making pictures of the film, at most.
 const RESOLVING: u32 = 4;
 
@@ -107,7 +111,8 @@ fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
     let Some(loaded) = reading.wait(shared)? else { return Ok(()) };
     let waited = Instant::now();
     let read = Read { loaded, zero: None };
-    let Some((job, boxes)) = load(backend.as_mut(), &read.loaded, &wanted, shared)? else { return Ok(()) };
+    let Some(ready) = load(backend.as_mut(), &read.loaded, &wanted, shared)? else { return Ok(()) };
+    let Ready { job, boxes, undersampled } = ready;
     tracing::debug!(
         "making the device ready took {:.0?}, waiting for the scene {:.0?}, loading it {:.0?}",
         started - began,
@@ -117,7 +122,7 @@ fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
     let watcher = watch(&source, shared, &report).inspect_err(|error| {
         tracing::warn!("changes of the files will not be seen ({error})");
     });
-    let pass = Pass { level: 0, sample: 0, is_first: true };
+    let pass = Pass { level: 0, sample: 0, is_first: true, is_looked_at: false };
     let mut renderer = Renderer {
         source,
         engine,
@@ -130,6 +135,8 @@ fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
         read,
         job,
         boxes,
+        undersampled,
+        told: Told::default(),
         wanted,
         pass,
         framing: None,
@@ -138,6 +145,7 @@ fn run(setup: Setup, shared: &Arc<Shared>) -> Result<(), Ended> {
         is_to_be_saved: false,
     };
     renderer.tell_loaded();
+    renderer.tell_undersampled();
     renderer.begin()?;
     Ok(renderer.work()?)
 }
@@ -176,6 +184,15 @@ struct Pass {
     sample: u32,
     /// Whether nothing was seen of what is wanted.
     is_first: bool,
+    /// Whether it was found out if the picture shows anything.
+    is_looked_at: bool,
+}
+
+/// What was said last of pictures that show less than was meant.
+#[derive(Default)]
+struct Told {
+    undersampled: Vec<Undersampled>,
+    useless: Option<Discriminant<Useless>>,
 }
 
 struct Renderer<'a> {
@@ -192,6 +209,8 @@ struct Renderer<'a> {
     /// Of what was read, as it is wanted.
     job: Job,
     boxes: Vec<Aabb>,
+    undersampled: Vec<Undersampled>,
+    told: Told,
     wanted: Wanted,
     pass: Pass,
     /// `None` where there is no camera as wanted.
@@ -249,7 +268,7 @@ impl Renderer<'_> {
             }
         };
         let level = self.pace.map_or(FIRST_LEVEL, |pace| level(pace, self.wanted.size));
-        self.pass = Pass { level, sample: 0, is_first: true };
+        self.pass = Pass { level, sample: 0, is_first: true, is_looked_at: false };
         self.set_film()
     }
 
@@ -291,6 +310,10 @@ impl Renderer<'_> {
         let (is_new, is_last) = (self.pass.sample == 1, self.pass.sample == self.samples);
         if is_new || is_last || self.is_time_to_show() {
             self.show(self.pass.sample)?;
+        }
+        if !self.pass.is_looked_at && self.pass.sample == RESTED.min(self.samples) {
+            self.pass.is_looked_at = true;
+            self.look_for_useless()?;
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ use super::tuning::Tuning;
 use super::zeros::Zeros;
 use crate::framing::{Framing, View, intensity_for, key_light};
 use crate::settings::{Light, Method, Settings, Subdivisions};
-use glam::{Quat, Vec3};
+use glam::{DQuat, DVec3};
 
 /// The share of the target's distance that the camera flies in a second.
 const FLIGHT: f64 = 0.6;
@@ -16,7 +16,7 @@ const SPEED_STEP: f64 = 1.25;
 /// By what angle arrow keys go round in a second, in radians.
 const ROUND: f64 = 1.2;
 /// By what angle a step turns the light, in radians.
-const LIGHT_STEP: f32 = 0.15;
+const LIGHT_STEP: f64 = 0.15;
 /// The longest time that a movement is computed for, in seconds: after a pause it goes on, it does not jump.
 const LONGEST_TICK: f64 = 0.1;
 
@@ -150,14 +150,15 @@ impl State {
             Wish::Smooth => tuning.smooth = Some(!tuning.smooth.unwrap_or(settings.smooth)),
             Wish::Wrap => tuning.next_wrap(settings),
             Wish::LightHere => {
-                let eye = self.framing.map(|framing| self.camera.map_or(framing.camera.eye, |c| c.eye()));
+                let eye = self.framing.map(|framing| self.camera.map_or(framing.world_eye(), |c| c.eye()));
                 self.move_light(|_, _| eye);
             }
             Wish::LightRound(steps) => {
-                let turn = |position: Vec3, framing: &Framing| {
-                    let turn =
-                        Quat::from_axis_angle(framing.camera.up.normalize(), LIGHT_STEP * steps as f32);
-                    Some(framing.target + turn * (position - framing.target))
+                let turn = |position: DVec3, framing: &Framing| {
+                    let axis = framing.camera.up.as_dvec3().normalize();
+                    let turn = DQuat::from_axis_angle(axis, LIGHT_STEP * f64::from(steps));
+                    let target = framing.world_target();
+                    Some(target + turn * (position - target))
                 };
                 self.move_light(turn);
             }
@@ -191,17 +192,19 @@ impl State {
     }
 
     /// Puts the first light elsewhere; it keeps its colour and its intensity.
-    fn move_light(&mut self, to: impl Fn(Vec3, &Framing) -> Option<Vec3>) {
+    fn move_light(&mut self, to: impl Fn(DVec3, &Framing) -> Option<DVec3>) {
         let Some(framing) = self.framing else { return };
-        let key = key_light(&framing);
+        let (key, space) = (key_light(&framing), framing.space);
+        #[expect(clippy::cast_possible_truncation, reason = "rounded")]
+        let in_world = |intensity: f32| space.world_intensity(intensity.into()) as f32;
         let first = self.lights().first().copied();
         let first = first.unwrap_or(Light {
-            position: key.position,
+            position: space.world(key.position.as_dvec3()),
             color: key.color,
-            intensity: Some(key.intensity),
+            intensity: Some(in_world(key.intensity)),
         });
         let Some(position) = to(first.position, &framing) else { return };
-        let usual = || intensity_for(first.position, framing.target);
+        let usual = || in_world(intensity_for(space.point(first.position).as_vec3(), framing.target));
         let intensity = Some(first.intensity.unwrap_or_else(usual));
         self.tuning.light = Some(Light { position, intensity, ..first });
     }
@@ -230,6 +233,7 @@ mod tests {
     use super::*;
     use crate::framing::frame;
     use crate::scene::{HeightMap, Relief};
+    use crate::space::RenderSpace;
     use emboss_kernels::interface::height_format;
     use winit::keyboard::KeyCode;
 
@@ -240,7 +244,7 @@ mod tests {
     /// With a scene of one map and no light of its own.
     fn state() -> State {
         let settings = Settings::default();
-        let framing = frame(&settings.view, &[], 1.5).expect("a camera");
+        let framing = frame(&settings.view, &[], 1.5, &RenderSpace::default()).expect("a camera");
         let subdivisions = Subdivisions::Fixed(16);
         let map = HeightMap { format: height_format::UNORM8, ..HeightMap::flat(0.5) };
         let zeros = Zeros::of(&[Relief::new(map, 0.5, 1.0)]);
@@ -264,10 +268,10 @@ mod tests {
         let mut state = state();
         state.hear(key(KeyCode::KeyW, true));
         assert!(state.is_moving() && state.tick(0.05) && state.tick(0.05));
-        let (first, pose) = (state.framing.expect("framed").camera.eye, state.tuning.pose.expect("posed"));
-        let distance = f64::from(first.distance(state.framing.expect("framed").target));
+        let (first, pose) = (state.framing.expect("framed").world_eye(), state.tuning.pose.expect("posed"));
+        let distance = first.distance(state.framing.expect("framed").world_target());
         // FLIGHT x distance a second, for a tenth of one.
-        assert!((f64::from(first.distance(pose.eye)) - 0.1 * FLIGHT * distance).abs() < 1e-5);
+        assert!((first.distance(pose.eye) - 0.1 * FLIGHT * distance).abs() < 1e-5);
         state.hear(key(KeyCode::KeyW, false));
         assert!(!state.is_moving());
         assert_eq!(state.hear(key(KeyCode::KeyR, true)), Effect::Render);
@@ -330,10 +334,11 @@ mod tests {
         let (light, framing) = (state.lights()[0], state.framing.expect("framed"));
         let key_light = key_light(&framing);
         assert_eq!(light.intensity, Some(key_light.intensity));
-        let (a, b) = (light.position.distance(framing.target), key_light.position.distance(framing.target));
-        assert!((a - b).abs() < 1e-5 * a && light.position != key_light.position);
+        let (target, key_light) = (framing.world_target(), key_light.position.as_dvec3());
+        let (a, b) = (light.position.distance(target), key_light.distance(target));
+        assert!((a - b).abs() < 1e-5 * a && light.position != key_light);
         state.hear(key(KeyCode::KeyL, true));
-        assert_eq!(state.lights()[0].position, framing.camera.eye);
+        assert_eq!(state.lights()[0].position, framing.world_eye());
         state.hear(key(KeyCode::KeyK, true));
         assert!(state.lights().is_empty());
     }

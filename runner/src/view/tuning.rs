@@ -7,7 +7,7 @@ use crate::scene::Relief;
 use crate::settings::{DisplacementKind, Filter, Light, Method, Settings, Shade, Subdivisions, Wrap};
 use clap::ValueEnum;
 use emboss_kernels::interface::{MAX_SUBDIVISIONS, method};
-use glam::Vec3;
+use glam::DVec3;
 
 /// What differs from the scene as it was loaded; `None` where nothing does.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,12 +37,12 @@ pub struct Tuning {
 /// Where a camera is and what it looks at: all that `--eye`, `--target`, `--up` and `--fov` say.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// The pinhole.
-    pub eye: Vec3,
-    /// The middle of the picture.
-    pub target: Vec3,
+    /// The pinhole, in world units.
+    pub eye: DVec3,
+    /// The middle of the picture, in world units.
+    pub target: DVec3,
     /// What is up in the picture.
-    pub up: Vec3,
+    pub up: DVec3,
     /// Angle between the picture's upper and lower edge, in degrees.
     pub fov: f32,
 }
@@ -265,7 +265,15 @@ mod tests {
         let reliefs = vec![Relief::new(HeightMap::flat(0.5), 0.5, -0.25)];
         let (mesh, settings) = (Mesh::default(), Settings::default());
         let scene = Scene { mesh, reliefs, materials: vec![], parts: vec![], subdivisions: 1 };
-        Loaded { scene, settings, is_displaced, exaggeration: 0.1, scale: None, files: vec![] }
+        Loaded {
+            scene,
+            settings,
+            is_displaced,
+            exaggeration: 0.1,
+            scale: None,
+            has_own_subdivisions: false,
+            files: vec![],
+        }
     }
 
     #[test]
@@ -393,7 +401,8 @@ mod tests {
 
     #[test]
     fn tuned_light_stands_for_the_first() {
-        let light = |x: f32| Light { position: Vec3::X * x, color: Vec3::ONE, intensity: Some(x) };
+        let light =
+            |x: f32| Light { position: DVec3::X * f64::from(x), color: glam::Vec3::ONE, intensity: Some(x) };
         let tuning = Tuning { light: Some(light(5.0)), ..Tuning::default() };
         let lights = |lights| tuning.settings(&Settings { lights, ..Settings::default() }, (1, 1)).lights;
         assert_eq!(lights(vec![]), [light(5.0)]);

@@ -1,4 +1,5 @@
-//! The surface that micro-triangles approach as N grows, in f64, and its normals by finite differences.
+//! The surface that micro-triangles approach as N grows, and the same relief over a smooth base, in f64: their normals
+//! by finite differences.
 
 use super::relief::Relief;
 use super::rounding::{Rounding, UNIT_ROUNDOFF};
@@ -55,28 +56,53 @@ impl<'a> LimitSurface<'a> {
         first * (1.0 - b1 - b2) + second * b1 + third * b2
     }
 
-    /// The normal of base triangle `triangle` at barycentric coordinates `w`. `None` where there is none to compare: so
-    /// near to a line through texel centres, where the filter has a kink, that the difference's step or f32's rounding
-    /// may cross it; and where interpolated normals all but cancel (below 1/16).
+    /// The normal of base triangle `triangle` at barycentric coordinates `w`, as of the micro-triangles there. `None`
+    /// where there is none to compare: so near to a line through texel centres, where the filter has a kink, that the
+    /// difference's step or f32's rounding may cross it; and where interpolated normals all but cancel (below 1/16).
     ///
     /// # Panics
     /// Where there is no such triangle.
     pub fn normal(&self, triangle: u32, w: DVec3) -> Option<LimitNormal> {
-        let corners = self.corners(triangle);
-        if !self.linear && blend(w, corners.normals).length() < 1.0 / 16.0 || !self.is_off_kinks(&corners, w)
-        {
-            return None;
-        }
+        let corners = self.comparable(triangle, w)?;
+        let slope = |along: DVec3| difference(w, along, |w| self.point(&corners, w));
+        Some(self.of_slopes(&corners, w, EDGES.map(slope)))
+    }
+
+    /// The normal of the same relief over the smooth surface that the base mesh stands for: what its slope is at right
+    /// angles to the interpolated vertex normal, is that of the traced surface with the heights as they are at `w`;
+    /// along the normal it is that of the heights alone.
+    ///
+    /// # Panics
+    /// Where there is no such triangle.
+    pub fn smooth_normal(&self, triangle: u32, w: DVec3) -> Option<LimitNormal> {
+        let corners = self.comparable(triangle, w)?;
+        let relief = &self.reliefs[corners.relief];
+        let (n, height) = (blend(w, corners.normals), relief.height(uv(&corners, w)));
+        let unit = n.normalize();
+        let level =
+            |w: DVec3| corners.edges[0] * w.y + corners.edges[1] * w.z + self.direction(&corners, w) * height;
+        let lift = self.direction(&corners, w).length();
         let slope = |along: DVec3| {
-            let (ahead, back) = (w + along * STEP, w - along * STEP);
-            (self.point(&corners, ahead) - self.point(&corners, back)) / (2.0 * STEP)
+            let across = difference(w, along, level).reject_from_normalized(unit);
+            let rise = difference(w, along, |w| DVec3::X * relief.height(uv(&corners, w))).x;
+            across + unit * (rise * lift)
         };
-        let normal = slope(DVec3::new(-1.0, 1.0, 0.0)).cross(slope(DVec3::new(-1.0, 0.0, 1.0)));
+        Some(self.of_slopes(&corners, w, EDGES.map(slope)))
+    }
+
+    /// A triangle's attributes, where its normal at `w` can be compared.
+    fn comparable(&self, triangle: u32, w: DVec3) -> Option<Corners> {
+        let corners = self.corners(triangle);
+        let cancels = blend(w, corners.normals).length() < 1.0 / 16.0;
+        (!cancels && self.is_off_kinks(&corners, w)).then_some(corners)
+    }
+
+    /// The normal of a surface that grows by `slopes` along two sides of a triangle.
+    fn of_slopes(&self, corners: &Corners, w: DVec3, slopes: [DVec3; 2]) -> LimitNormal {
+        let normal = slopes[0].cross(slopes[1]);
         let direction = if corners.flipped { -normal } else { normal }.normalize();
-        Some(LimitNormal {
-            direction,
-            error: self.error(&corners, w) / normal.length() + 8.0 * UNIT_ROUNDOFF,
-        })
+        let error = self.error(corners, w) / normal.length() + 8.0 * UNIT_ROUNDOFF;
+        LimitNormal { direction, error }
     }
 
     fn corners(&self, triangle: u32) -> Corners {
@@ -94,10 +120,14 @@ impl<'a> LimitSurface<'a> {
 
     /// The displaced point, from vertex 0 on, so that differences are the same wherever the model is.
     fn point(&self, corners: &Corners, w: DVec3) -> DVec3 {
-        let n = blend(w, corners.normals);
-        let direction = if self.linear { n } else { n.normalize() };
         let height = self.reliefs[corners.relief].height(uv(corners, w));
-        corners.edges[0] * w.y + corners.edges[1] * w.z + direction * height
+        corners.edges[0] * w.y + corners.edges[1] * w.z + self.direction(corners, w) * height
+    }
+
+    /// What heights are along.
+    fn direction(&self, corners: &Corners, w: DVec3) -> DVec3 {
+        let n = blend(w, corners.normals);
+        if self.linear { n } else { n.normalize() }
     }
 
     /// Whether all that a difference reads lies between the same texels, whichever way f32 rounds.
@@ -117,7 +147,8 @@ impl<'a> LimitSurface<'a> {
     }
 
     /// Bound on the error of the cross product of the derivatives, computed in f32 as `BaseTriangle::shading_normal`
-    /// says: errors of its parts to first order in u, times what they are multiplied by.
+    /// says: errors of its parts to first order in u, times what they are multiplied by. What of the product is along
+    /// the unit normal n is off by what the normal is, twice.
     fn error(&self, corners: &Corners, w: DVec3) -> f64 {
         const U: f64 = UNIT_ROUNDOFF;
         let relief = &self.reliefs[corners.relief];
@@ -125,8 +156,8 @@ impl<'a> LimitSurface<'a> {
         // n: three weights of 8 u, three operations each. Dividing by the length: 2 + 1 + 1 u, see
         // `Rounding::by_length`.
         let (shortest, n_error) = (n.length(), 3.0 * 11.0 * U);
-        let (d_length, d_error) =
-            if self.linear { (shortest, n_error) } else { (1.0, 2.0 * n_error / shortest + 4.0 * U) };
+        let unit_error = 2.0 * n_error / shortest + 4.0 * U;
+        let (d_length, d_error) = if self.linear { (shortest, n_error) } else { (1.0, unit_error) };
         // d' = (n' - d (d · n')) / |n|.
         let d_slope = |m: f64| {
             if self.linear {
@@ -160,8 +191,19 @@ impl<'a> LimitSurface<'a> {
         let product = |x: f64, dx: f64, y: f64, dy: f64| x * dy + dx * y + 4.0 * U * x * y;
         let scaled =
             |h: f64, dh: f64, x: f64, dx: f64| h * product(d_length, d_error, x, dx) + dh * d_length * x;
-        product(a, a_error, b, b_error) + scaled(h1, h1_error, b, b_error) + scaled(h2, h2_error, a, a_error)
+        product(a, a_error, b, b_error)
+            + a * b * (2.0 * unit_error + 4.0 * U)
+            + scaled(h1, h1_error, b, b_error)
+            + scaled(h2, h2_error, a, a_error)
     }
+}
+
+/// From vertex 0 to vertices 1 and 2, in barycentric coordinates.
+const EDGES: [DVec3; 2] = [DVec3::new(-1.0, 1.0, 0.0), DVec3::new(-1.0, 0.0, 1.0)];
+
+/// How `value` grows at `w`.
+fn difference(w: DVec3, along: DVec3, value: impl Fn(DVec3) -> DVec3) -> DVec3 {
+    (value(w + along * STEP) - value(w - along * STEP)) / (2.0 * STEP)
 }
 
 fn blend(w: DVec3, corners: [DVec3; 3]) -> DVec3 {

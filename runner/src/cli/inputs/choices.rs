@@ -54,11 +54,7 @@ impl Choice {
 const MOST_SHOWN: usize = 4;
 
 pub(super) fn map_name<T>(map: Option<&MapSource<T>>) -> String {
-    match map {
-        None => "none".to_owned(),
-        Some(MapSource::File(path)) => path.display().to_string(),
-        Some(MapSource::Made { name, .. }) => name.clone(),
-    }
+    map.map_or_else(|| "none".to_owned(), MapSource::name)
 }
 
 pub(super) fn normal_name(source: &MaterialSource) -> String {

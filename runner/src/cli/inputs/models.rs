@@ -3,11 +3,14 @@
 use super::choices::{BUILTIN, DEFAULT};
 use super::materials::Described;
 use super::{InputError, ModelArgument, USUAL_MODEL};
+use crate::reports::repeated_triangles;
 use crate::scene::assembly::{MapSource, MaterialSource};
 use crate::scene::builtin::{self, BuiltinScene};
 use crate::scene::error::SceneFileProblem;
-use crate::scene::obj::{ObjModel, load_obj};
+use crate::scene::obj::{ObjModel, load_obj, load_subdivided_obj};
+use crate::scene::precise::bounds;
 use crate::scene::scene_file::{MaterialChoice, ModelSource, SceneFile, SceneModel};
+use crate::scene::subdivide::{Cage, Subdivide};
 use crate::scene::{Mesh, SceneError};
 use crate::settings::Light;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -23,6 +26,10 @@ pub(super) struct Model {
     /// Where it was read from: itself, and its libraries of materials.
     pub(super) files: Vec<PathBuf>,
     pub(super) mesh: Mesh,
+    /// Parts of it that stand far from that mesh, with origins of their own.
+    pub(super) apart: Vec<Mesh>,
+    /// How many of its triangles repeat others.
+    pub(super) repeats: Repeats,
     /// At least one; the mesh's triangles name theirs.
     pub(super) materials: Vec<Described>,
     pub(super) builtin: Option<Recommended>,
@@ -32,6 +39,23 @@ pub(super) struct Model {
     pub(super) places: Vec<DAffine3>,
 }
 
+/// Repeated triangles of a model, before it is subdivided: what is made of one face is to be counted once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Repeats {
+    /// How many triangles lie on others.
+    pub(super) repeated: u64,
+    /// How many there are.
+    pub(super) triangles: usize,
+}
+
+impl Repeats {
+    /// The counts of meshes that stand apart, and so share no corner.
+    fn of<'a>(meshes: impl Iterator<Item = &'a Mesh> + Clone) -> Repeats {
+        let triangles = meshes.clone().map(|mesh| mesh.triangles.len()).sum();
+        Repeats { repeated: meshes.map(repeated_triangles).sum(), triangles }
+    }
+}
+
 /// What a built-in scene brings beside its mesh and its material.
 pub(super) struct Recommended {
     pub(super) subdivisions: u32,
@@ -39,25 +63,37 @@ pub(super) struct Recommended {
     pub(super) lights: Vec<Light>,
 }
 
-pub(super) fn load_model(argument: &ModelArgument) -> Result<Model, InputError> {
+pub(super) fn load_model(
+    argument: &ModelArgument,
+    subdivide: Option<Subdivide>,
+) -> Result<Model, InputError> {
     match argument {
-        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path)?),
-        ModelArgument::Builtin(name) => load_builtin(name),
-        ModelArgument::Default => load_builtin(USUAL_MODEL),
+        ModelArgument::File(path) | ModelArgument::Scene(path) => Ok(load_file(path, subdivide)?),
+        ModelArgument::Builtin(name) => load_builtin(name, subdivide),
+        ModelArgument::Default => load_builtin(USUAL_MODEL, subdivide),
     }
 }
 
-/// A model of a scene file in its place, with its materials.
-pub(super) fn load_scene_model(scene: &SceneFile, model: &SceneModel) -> Result<Model, InputError> {
+/// A model of a scene file in its place, with its materials; `subdivide` goes before what the file says.
+pub(super) fn load_scene_model(
+    scene: &SceneFile,
+    model: &SceneModel,
+    subdivide: Option<Subdivide>,
+) -> Result<Model, InputError> {
+    let subdivide = subdivide.or(model.subdivide);
     let wrong = |problem| SceneError::SceneFile { path: scene.path.clone(), line: model.line, problem };
     let mut loaded = match &model.source {
-        ModelSource::Builtin(name) => load_builtin(name)?,
-        ModelSource::File(path) => load_file(path).map_err(|error| named_by(scene, model.line, error))?,
+        ModelSource::Builtin(name) => load_builtin(name, subdivide)?,
+        ModelSource::File(path) => {
+            load_file(path, subdivide).map_err(|error| named_by(scene, model.line, error))?
+        }
     };
     loaded.places.clone_from(&model.places);
     if model.world_from_model != DAffine3::IDENTITY {
-        let moved = loaded.mesh.transformed(model.world_from_model);
-        loaded.mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+        for mesh in std::iter::once(&mut loaded.mesh).chain(&mut loaded.apart) {
+            let moved = mesh.placed(model.world_from_model);
+            *mesh = moved.ok_or_else(|| wrong(SceneFileProblem::Transform))?;
+        }
         let matrix = model.world_from_model.matrix3;
         let scale = matrix.x_axis.x;
         if scale <= 0.0 || matrix != DMat3::from_diagonal(DVec3::splat(scale)) {
@@ -93,20 +129,36 @@ pub(super) fn named_by(scene: &SceneFile, line: usize, source: SceneError) -> Sc
     SceneError::NamedBySceneFile { path: scene.path.clone(), line, source: Box::new(source) }
 }
 
-fn load_file(path: &Path) -> Result<Model, SceneError> {
-    let ObjModel { mesh, materials, libraries } = load_obj(path)?;
-    let scale = SCALE_SHARE * diagonal(&mesh);
+fn load_file(path: &Path, subdivide: Option<Subdivide>) -> Result<Model, SceneError> {
+    let ObjModel { mesh, apart, control, materials, libraries } = match &subdivide {
+        Some(subdivide) => load_subdivided_obj(path, subdivide)?,
+        None => load_obj(path)?,
+    };
+    let scale = SCALE_SHARE * diagonal(std::iter::once(&mesh).chain(&apart));
+    std::iter::once(&mesh).chain(&apart).for_each(|mesh| warn_of_place(path, mesh));
+    let repeats = match &control[..] {
+        [] => Repeats::of(std::iter::once(&mesh).chain(&apart)),
+        control => Repeats::of(control.iter()),
+    };
     let materials = materials.into_iter().map(|m| Described::of_model(m, scale)).collect();
     let (name, files) = (path.display().to_string(), [vec![path.to_owned()], libraries].concat());
-    Ok(Model { name, files, mesh, materials, builtin: None, turned: None, places: vec![] })
+    Ok(Model { name, files, mesh, apart, repeats, materials, builtin: None, turned: None, places: vec![] })
 }
 
-fn load_builtin(name: &str) -> Result<Model, InputError> {
+fn load_builtin(name: &str, subdivide: Option<Subdivide>) -> Result<Model, InputError> {
     let unknown = || InputError::UnknownBuiltin { name: name.to_owned() };
     let BuiltinScene { mesh, height, sideways, color, zero, scale, subdivisions, view, up, lights } =
         builtin::load(name).ok_or_else(unknown)?;
+    let repeats = Repeats::of(std::iter::once(&mesh));
+    let (mesh, apart) = match subdivide {
+        Some(subdivide) if subdivide.levels > 0 => {
+            let mut meshes = subdivide.meshes(Path::new(name), Cage::of_mesh(&mesh))?;
+            (meshes.remove(0), meshes)
+        }
+        _ => (mesh, vec![]),
+    };
     let light = |light: emboss_kernels::interface::PointLight| Light {
-        position: light.position,
+        position: light.position.as_dvec3(),
         color: light.color,
         intensity: Some(light.intensity),
     };
@@ -140,6 +192,8 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
         name: name.to_owned(),
         files: vec![],
         mesh,
+        apart,
+        repeats,
         materials: vec![material],
         builtin: Some(recommended),
         turned: None,
@@ -147,9 +201,27 @@ fn load_builtin(name: &str) -> Result<Model, InputError> {
     })
 }
 
-/// The diagonal of the mesh's box; 0 for an empty mesh.
+/// Farther from the origin than so many times a mesh's size, doubles have fewer digits of it than its relief needs:
+/// 2^-20 of its size.
+const FARTHEST: f64 = 8_589_934_592.0;
+
+/// One line where the file's numbers cannot have had the digits that the mesh needs.
+fn warn_of_place(path: &Path, mesh: &Mesh) {
+    let far = mesh.space.origin.abs().max_element();
+    let size = diagonal([mesh].into_iter());
+    if far > FARTHEST * f64::from(size) {
+        tracing::warn!(
+            "{}: stands {far:e} from the origin, where double precision has too few digits for a model of size \
+                {size:e}; move it nearer",
+            path.display()
+        );
+    }
+}
+
+/// The diagonal of the box around meshes; 0 where they are empty.
 #[expect(clippy::cast_possible_truncation, reason = "rounded, not cut off")]
-fn diagonal(mesh: &Mesh) -> f32 {
+fn diagonal<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> f32 {
     // In f64: squares of coordinates overflow before the coordinates do.
-    mesh.bounds().map_or(0.0, |(min, max)| min.as_dvec3().distance(max.as_dvec3()) as f32)
+    let corners = meshes.filter_map(Mesh::world_bounds).flat_map(|(min, max)| [min, max]);
+    bounds(corners).map_or(0.0, |(min, max)| min.distance(max) as f32)
 }

@@ -5,10 +5,13 @@
 //! reduced to what a mesh needs.
 
 mod material;
+mod polygons;
 mod survey;
 
+use super::precise::PreciseVertex;
+use super::subdivide::Subdivide;
 use super::{Mesh, ModelMaterial, SceneError};
-use emboss_kernels::interface::Vertex;
+use glam::{DVec2, DVec3};
 use std::fs;
 use std::path::{Path, PathBuf};
 use survey::Survey;
@@ -16,8 +19,13 @@ use survey::Survey;
 /// What an OBJ file holds.
 #[derive(Clone, Debug)]
 pub struct ObjModel {
-    /// All its objects and groups.
+    /// All its objects and groups, about an origin of its own: see [`Mesh::from_precise`].
     pub mesh: Mesh,
+    /// Parts of it that stand so far from that mesh, and from each other, that they have origins of their own: see
+    /// [`groups`](super::precise::groups).
+    pub apart: Vec<Mesh>,
+    /// All these before they were subdivided; empty where they were not.
+    pub control: Vec<Mesh>,
     /// At least one; triangles name theirs by its index.
     pub materials: Vec<ModelMaterial>,
     /// The files of materials that were read.
@@ -28,9 +36,22 @@ pub struct ObjModel {
 ///
 /// Polygons are cut into a fan from their first corner; that of a concave one may reach outside it. Normals that
 /// are missing or zero are computed, see [`Mesh::from_triangles`], whose welding and dropping of triangles with corners
-/// that coincide applies. A face with fewer than three corners counts as dropped, too. A material library that cannot
-/// be read is a warning.
+/// that coincide applies. Positions and texture coordinates are read in double precision ([`Mesh::from_precise`]). A
+/// face with fewer than three corners counts as dropped, too. A material library that cannot be read is a warning.
 pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
+    load(path, None)
+}
+
+/// Loads a model and subdivides it: the polygons as they stand in the file, whose corners at one position are one
+/// vertex, with creases between its smoothing groups. Its normals play no part.
+///
+/// # Errors
+/// As of [`load_obj`]; [`SceneError::TooFine`].
+pub fn load_subdivided_obj(path: &Path, subdivide: &Subdivide) -> Result<ObjModel, SceneError> {
+    load(path, Some(subdivide))
+}
+
+fn load(path: &Path, subdivide: Option<&Subdivide>) -> Result<ObjModel, SceneError> {
     let text = read_text(path)?;
     let text = text.trim_start_matches('\u{feff}');
     let survey =
@@ -38,13 +59,23 @@ pub fn load_obj(path: &Path) -> Result<ObjModel, SceneError> {
     if survey.faces == 0 {
         return Err(SceneError::NoFaces { path: path.into() });
     }
-    let mut mesh = triangulate(path, &survey.reduce(text), &survey.runs)?;
+    let reduced = survey.reduce(text);
+    let cut = || triangulate(path, &reduced, &survey.runs);
+    let (mut meshes, control) = match subdivide {
+        Some(subdivide) if subdivide.levels > 0 => {
+            let cage = polygons::read(path, &reduced, &survey.polygons)?;
+            (subdivide.meshes(path, cage)?, cut()?)
+        }
+        _ => (cut()?, Vec::new()),
+    };
+    let mut mesh = meshes.remove(0);
+    let apart = meshes;
     mesh.dropped += survey.thin_faces;
     if mesh.triangles.is_empty() {
-        return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped });
+        return Err(SceneError::NoTriangles { path: path.into(), dropped: mesh.dropped + mesh.collapsed });
     }
     let (materials, libraries) = material::load(path, &survey);
-    Ok(ObjModel { mesh, materials, libraries })
+    Ok(ObjModel { mesh, apart, control, materials, libraries })
 }
 
 /// The file as UTF-8.
@@ -57,8 +88,8 @@ fn read_text(path: &Path) -> Result<String, SceneError> {
     })
 }
 
-/// The mesh of a text that [`Survey::reduce`] gave, its triangles of the materials that [`Survey::runs`] tells.
-fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Mesh, SceneError> {
+/// The meshes of a text that [`Survey::reduce`] gave, their triangles of the materials that [`Survey::runs`] tells.
+fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Vec<Mesh>, SceneError> {
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ..Default::default() };
     let no_materials = |_: &Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
@@ -77,19 +108,18 @@ fn triangulate(path: &Path, text: &str, runs: &[(u32, usize)]) -> Result<Mesh, S
         triangles.len(),
         "a polygon is a fan of two triangles fewer than corners"
     );
-    Ok(Mesh::with_materials(&vertices, triangles.into_iter().zip(materials)))
+    Ok(Mesh::apart_from_precise(&vertices, triangles.into_iter().zip(materials)))
 }
 
 /// The vertices of a model, each of which has all three attributes.
-fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = Vertex> {
+fn corners(mesh: &tobj::Mesh) -> impl Iterator<Item = PreciseVertex> {
     let positions = mesh.positions.as_chunks::<3>().0;
     let texture_coordinates = mesh.texcoords.as_chunks::<2>().0;
     let normals = mesh.normals.as_chunks::<3>().0;
-    positions.iter().zip(texture_coordinates).zip(normals).map(|((&position, &[u, v]), &normal)| Vertex {
+    positions.iter().zip(texture_coordinates).zip(normals).map(|((&position, &uv), &normal)| PreciseVertex {
         position: position.into(),
-        u,
-        normal: normal.into(),
-        v,
+        normal: DVec3::from(normal).as_vec3(),
+        uv: DVec2::from(uv),
     })
 }
 

@@ -20,12 +20,29 @@ pub(super) struct Survey {
     pub(super) materials: Vec<String>,
     /// Runs of triangles of one material, in their order: its index in `materials`, and how many there are.
     pub(super) runs: Vec<(u32, usize)>,
+    /// Runs of polygons, which are faces of three corners and more, in their order.
+    pub(super) polygons: Vec<PolygonRun>,
     /// What the faces to come use.
     material: String,
+    /// The smoothing groups that `s` named, by their numbers in [`PolygonRun`] less one.
+    groups: Vec<String>,
+    /// The group of the faces to come; 0 where `s` named none, or turned them off.
+    group: u32,
     /// The object or group that the faces belong to.
     object: Option<String>,
     /// Indices beyond the elements above their line, which may stand further below.
     forward: Vec<Reference>,
+}
+
+/// Polygons of one material and one smoothing group.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct PolygonRun {
+    /// Its index in [`Survey::materials`].
+    pub(super) material: u32,
+    /// Their smoothing group; 0 for those that have none.
+    pub(super) group: u32,
+    /// How many they are.
+    pub(super) count: usize,
 }
 
 /// An index of a face's corner.
@@ -72,7 +89,7 @@ impl Survey {
         let words: Vec<&str> = data(rest).split_whitespace().collect();
         let weighted = element == Element::Vertex && words.len() == 4;
         let used = if weighted { 4 } else { needed };
-        let numbers: Option<Vec<f32>> = words.iter().take(used).map(|word| word.parse().ok()).collect();
+        let numbers: Option<Vec<f64>> = words.iter().take(used).map(|word| word.parse().ok()).collect();
         let Some(numbers) = numbers.filter(|numbers| numbers.len() == used) else {
             return Err(ObjProblem::Numbers { element, needed, found: data(rest).trim().into() });
         };
@@ -80,7 +97,9 @@ impl Survey {
         if weight == 0.0 {
             return Err(ObjProblem::ZeroWeight);
         }
-        if !numbers[..needed].iter().all(|x| (x / weight).is_finite()) || weight.is_nan() {
+        // Doubles hold more, but what is computed of them is rounded to floats.
+        #[expect(clippy::cast_possible_truncation, reason = "rounded, and checked")]
+        if !numbers[..needed].iter().all(|x| ((x / weight) as f32).is_finite()) || weight.is_nan() {
             return Err(ObjProblem::NotFinite { element });
         }
         self.counts[attribute] += 1;
@@ -97,7 +116,10 @@ impl Survey {
         match corners {
             0 => return Err(ObjProblem::NoCorners),
             1 | 2 => self.thin_faces += 1,
-            _ => self.add_triangles(corners - 2),
+            _ => {
+                self.add_triangles(corners - 2);
+                self.add_polygon();
+            }
         }
         self.faces += 1;
         Ok(())
@@ -116,6 +138,30 @@ impl Survey {
             self.materials.len() - 1
         });
         self.runs.push((u32::try_from(material).unwrap_or(u32::MAX), count));
+    }
+
+    /// Notes of which material and smoothing group a polygon is whose triangles were noted.
+    fn add_polygon(&mut self) {
+        let (material, group) = (self.runs.last().map_or(0, |(material, _)| *material), self.group);
+        let last = self.polygons.last_mut();
+        match last.filter(|run| (run.material, run.group) == (material, group)) {
+            Some(run) => run.count += 1,
+            None => self.polygons.push(PolygonRun { material, group, count: 1 }),
+        }
+    }
+
+    /// Takes the smoothing group of the faces to come: `s 1`; `s off` or `s 0` for none.
+    fn choose_group(&mut self, name: &str) {
+        if matches!(name, "" | "off" | "0") {
+            self.group = 0;
+            return;
+        }
+        let known = self.groups.iter().position(|group| group == name);
+        let number = known.unwrap_or_else(|| {
+            self.groups.push(name.into());
+            self.groups.len() - 1
+        });
+        self.group = u32::try_from(number + 1).unwrap_or(u32::MAX);
     }
 
     /// Checks where a corner's indices point.
@@ -152,6 +198,7 @@ impl Survey {
             "o" | "g" => self.object = Some(name.into()),
             "mtllib" => self.libraries.push((line, name.into())),
             "usemtl" => self.material = name.into(),
+            "s" => self.choose_group(data(rest).trim()),
             _ => {}
         }
     }

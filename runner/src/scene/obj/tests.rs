@@ -394,3 +394,98 @@ fn the_monster_frog_loads() {
 fn skip(path: &Path) {
     eprintln!("skipped: {} is not there", path.display());
 }
+
+/// Digits that floats do not have: of a square 0.25 m wide in UTM coordinates, and in degrees; and of texture
+/// coordinates that count metres.
+#[test]
+fn positions_keep_the_digits_of_the_file() {
+    for (x, y, side, u) in [(412_345.125, 5_123_456.75, 0.25, 412_345.0), (11.576_124, 48.137_154, 3e-6, 0.0)]
+    {
+        let corner = |i: f64, j: f64| {
+            format!("v {:.9} {:.9} -7\nvt {} {}\n", x + i * side, y + j * side, u + i / 4.0, u + j / 4.0)
+        };
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(i, j)| corner(i, j)).concat();
+        let mesh = load(corners + "f 1/1 2/2 3/3 4/4\n").unwrap();
+        assert_eq!((mesh.triangles.len(), mesh.dropped, mesh.collapsed), (2, 0, 0));
+        let at = |i: usize| mesh.space.world(mesh.vertices[i].position.as_dvec3());
+        let apart = at(2) - at(0);
+        // Nine digits behind the point, and a float's of what is no farther from the origin than 1.5 sides.
+        assert!(
+            (apart.truncate() - glam::DVec2::splat(side)).abs().max_element() < 1e-9 + side * 2e-7,
+            "{apart}"
+        );
+        assert!(mesh.vertices.iter().all(|v| v.u.abs() <= 2.0 && v.v.abs() <= 2.0), "{:?}", mesh.vertices);
+        assert_eq!(mesh.vertices[1].u - mesh.vertices[0].u, 0.25);
+        assert_eq!((at(0).z, mesh.tiles.is_empty()), (-7.0, u == 0.0));
+    }
+}
+
+/// The cube from 0 to 1 as six quads, its corners given once for each face, as exporters do that split them.
+fn split_cube(faces: impl Fn(usize) -> String) -> String {
+    let mut text = String::from("vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n");
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    for (i, quad) in quads.into_iter().enumerate() {
+        for corner in quad {
+            text += &format!("v {} {} {}\n", corner & 1, corner >> 1 & 1, corner >> 2);
+        }
+        text += &format!("{}f -4/1/1 -3/2/1 -2/3/1 -1/4/1\n", faces(i));
+    }
+    text
+}
+
+fn load_subdivided(model: &str, subdivide: &str) -> Mesh {
+    let (_folder, path) = folder(model, &[]);
+    load_subdivided_obj(&path, &subdivide.parse().unwrap()).unwrap().mesh
+}
+
+/// Corners that are split in the file are one, quads stay quads, and vn is not read: by hand Halstead's limit of a
+/// corner is a quarter of the way to the middle.
+#[test]
+fn polygons_are_subdivided_before_they_are_cut() {
+    let mesh = load_subdivided(&split_cube(|_| String::new()), "1");
+    assert_eq!(mesh.triangles.len(), 48);
+    let mut positions: Vec<_> =
+        mesh.vertices.iter().map(|v| v.position.to_array().map(f32::to_bits)).collect();
+    positions.sort_unstable();
+    positions.dedup();
+    assert_eq!(positions.len(), 26, "V + E + F");
+    let corner = mesh.vertices.iter().find(|v| v.position == Vec3::splat(0.25)).expect("the corner's limit");
+    assert!(corner.normal.abs_diff_eq(Vec3::splat(-1.0 / 3f32.sqrt()), 1e-6), "{corner:?}");
+    // Cut first, the quads' triangles would give three quads each.
+    let cut = load_subdivided(&split_cube(|_| String::new()), "1:loop");
+    assert_eq!(cut.triangles.len(), 48);
+    let limits = |mesh: &Mesh| {
+        let is_limit = |p: &Vec3| p.to_array().into_iter().all(|x| x == 0.25 || x == 0.75);
+        let at: std::collections::HashSet<_> = mesh
+            .vertices
+            .iter()
+            .map(|v| v.position)
+            .filter(is_limit)
+            .map(|p| p.to_array().map(f32::to_bits))
+            .collect();
+        at.len()
+    };
+    assert_eq!(limits(&mesh), 8);
+    assert!(limits(&cut) < 8, "Loop's corners have four to six neighbours");
+}
+
+/// Materials go on with their polygons; `s 1` and `s 2` part at a crease, and so do `s 1` and `s off`; what is off
+/// everywhere is one group.
+#[test]
+fn materials_and_smoothing_groups_reach_the_subdivided_mesh() {
+    let top = |name: &'static str| move |i: usize| if i == 1 { format!("{name}\n") } else { "s 1\n".into() };
+    let corner_is = |mesh: &Mesh, p: Vec3| mesh.vertices.iter().any(|v| v.position.abs_diff_eq(p, 1e-6));
+    // The top's border is the cubic spline of its corners: each (4 + neighbours) / 6 of the way.
+    let on_crease = Vec3::new(1.0 / 6.0, 1.0 / 6.0, 1.0);
+    for (name, is_crease) in
+        [("s 2", true), ("s off", true), ("s 0", true), ("s 1", false), ("s 1 # too", false)]
+    {
+        let mesh = load_subdivided(&split_cube(top(name)), "1");
+        assert_eq!(corner_is(&mesh, on_crease), is_crease, "{name}");
+    }
+    let off = load_subdivided(&split_cube(|_| "s off\n".into()), "1");
+    assert!(corner_is(&off, Vec3::splat(0.25)));
+    let painted = load_subdivided(&split_cube(|i| format!("usemtl m{}\n", i % 3)), "2");
+    let of = |material| painted.triangles.iter().filter(|t| t.material() == material).count();
+    assert_eq!([0, 1, 2].map(of), [64; 3]);
+}

@@ -6,6 +6,7 @@ use crate::backend::{Backend, BackendError, SceneBuffers};
 use crate::distance_files;
 use crate::heights::set_heights;
 use crate::render::{Job, RenderError, prepare};
+use crate::reports::{Ground, Undersampled, undersampled, useless};
 use crate::settings::Subdivisions;
 use crate::view::Loaded;
 use crate::view::state::SceneInfo;
@@ -13,6 +14,8 @@ use crate::view::tuning::Tuning;
 use crate::view::zeros::Zeros;
 use emboss_kernels::aabb::Aabb;
 use emboss_kernels::scene::Features;
+use std::ops::ControlFlow;
+use std::sync::atomic::Ordering;
 
 /// Makes a scene ready for the backend, and keeps of it what views need. Nothing where the viewer is to end before
 /// that.
@@ -21,16 +24,29 @@ pub(super) fn load(
     loaded: &Loaded,
     wanted: &Wanted,
     shared: &Shared,
-) -> Result<Option<(Job, Vec<Aabb>)>, RenderError> {
+) -> Result<Option<Ready>, RenderError> {
     let settings = wanted.tuning.settings(&loaded.settings, wanted.size);
     let mut job = prepare(wanted.tuning.scene(loaded), &settings)?;
     if shared.is_quitting() {
         return Ok(None);
     }
     distance_files::load(backend, &mut job)?;
-    let displacements = std::mem::take(&mut job.buffers.displacements);
-    job.buffers = SceneBuffers { displacements, ..SceneBuffers::default() };
-    Ok(Some((job, backend.prism_boxes()?)))
+    let boxes = backend.prism_boxes()?;
+    // Which N an adaptive one is depends on the camera. Where there is none as wanted, it is said when it is looked by.
+    let is_framed = job.frame_view(&boxes).is_ok();
+    let undersampled = if is_framed { undersampled(&job) } else { Vec::new() };
+    let SceneBuffers { displacements, instances, .. } = std::mem::take(&mut job.buffers);
+    job.buffers = SceneBuffers { displacements, instances, ..SceneBuffers::default() };
+    Ok(Some(Ready { job, boxes, undersampled }))
+}
+
+/// A scene that is ready.
+pub(super) struct Ready {
+    /// What views need of it: displacements and instances.
+    pub(super) job: Job,
+    pub(super) boxes: Vec<Aabb>,
+    /// Maps with relief between micro-vertices.
+    pub(super) undersampled: Vec<Undersampled>,
 }
 
 impl Renderer<'_> {
@@ -49,7 +65,10 @@ impl Renderer<'_> {
             }
         }
         let base = &self.read.loaded.settings;
-        if read.is_some() || self.wanted.tuning.needs_other_scene(before, base) {
+        let (space, step) = (self.read.loaded.scene.mesh.space, self.job.view_step);
+        let eye = self.wanted.tuning.settings(base, self.wanted.size).view.eye;
+        let is_elsewhere = eye.map_or(space, |eye| space.moved_to(eye, step)) != self.job.space;
+        if read.is_some() || is_elsewhere || self.wanted.tuning.needs_other_scene(before, base) {
             let is_loaded = self.load_or_keep(read, before)?;
             if is_reload && is_loaded {
                 (self.report)(Report::Message("read again, since files have changed".to_owned()));
@@ -91,12 +110,13 @@ impl Renderer<'_> {
         self.pace = None;
         let new = read.as_ref().unwrap_or(&self.read);
         let error = match load(self.backend.as_mut(), &new.loaded, &self.wanted, self.shared) {
-            Ok(Some((job, boxes))) => {
-                (self.job, self.boxes) = (job, boxes);
+            Ok(Some(ready)) => {
+                self.take(ready);
                 if let Some(read) = read {
                     self.read = read;
                     self.tell_loaded();
                 }
+                self.tell_undersampled();
                 return Ok(true);
             }
             Ok(None) => return Ok(false),
@@ -118,12 +138,58 @@ impl Renderer<'_> {
         self.say(format!("the scene stays as it was: {error}"));
         self.take_back(kept);
         match load(self.backend.as_mut(), &self.read.loaded, &self.wanted, self.shared) {
-            Ok(Some((job, boxes))) => (self.job, self.boxes) = (job, boxes),
+            Ok(Some(ready)) => self.take(ready),
             Ok(None) => {}
             Err(RenderError::Backend(error)) => return Err(error),
             // It was sound before.
             Err(error) => self.say(error.to_string()),
         }
+        Ok(())
+    }
+
+    fn take(&mut self, ready: Ready) {
+        (self.job, self.boxes, self.undersampled) = (ready.job, ready.boxes, ready.undersampled);
+    }
+
+    /// Says which maps have relief between micro-vertices, where that is new. N of a built-in scene is as its maker
+    /// chose.
+    pub(super) fn tell_undersampled(&mut self) {
+        let is_own = self.read.loaded.has_own_subdivisions && self.wanted.tuning.subdivisions.is_none();
+        if self.undersampled == self.told.undersampled || is_own {
+            return;
+        }
+        for map in &self.undersampled {
+            self.say(map.to_string());
+        }
+        self.told.undersampled.clone_from(&self.undersampled);
+    }
+
+    /// Says why the picture shows nothing of what was meant, unless that was what was said last. It is looked at only
+    /// where the camera rests, since that may take as long as the picture did.
+    pub(super) fn look_for_useless(&mut self) -> Result<(), BackendError> {
+        let pixels = self.backend.resolve()?;
+        let ground = Ground::of_scene(&self.read.loaded.scene, &self.job.buffers.instances);
+        let shared = self.shared;
+        let mut watch = || {
+            let ends = shared.is_interrupted.load(Ordering::Relaxed) || shared.is_quitting();
+            if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let samples = self.pass.sample;
+        let found = useless(self.backend.as_mut(), &self.job, &ground, &pixels, samples, &mut watch)?;
+        if found.film_is_cleared {
+            self.pass.sample = 0;
+            self.set_film()?;
+        }
+        let is_interrupted = found.film_is_cleared && shared.is_interrupted.load(Ordering::Relaxed);
+        if is_interrupted && found.useless.is_none() {
+            // It was not found out.
+            return Ok(());
+        }
+        let kind = found.useless.as_ref().map(std::mem::discriminant);
+        if let Some(useless) = found.useless.filter(|_| kind != self.told.useless) {
+            self.say(useless.to_string());
+        }
+        self.told.useless = kind;
         Ok(())
     }
 

@@ -5,10 +5,10 @@ use crate::bvh::Bvh;
 use crate::render::Scene;
 use crate::scene::{HeightMap, Mesh, Relief};
 use crate::settings::{Settings, Shade, Wrap};
-use crate::view::Loaded;
+use crate::view::{Loaded, Pose};
 use emboss_kernels::interface::{Displacement, Intersection, NO_SEAMS, PointLight, Ray, Triangle, Vertex};
 use emboss_kernels::scene::Features;
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::sync::mpsc::{Receiver, channel};
 
 /// Long enough for a busy machine; only a failure takes it.
@@ -149,11 +149,29 @@ impl Source for OneTriangle {
         let scene =
             Scene { mesh, reliefs, materials: vec![Default::default()], parts: vec![], subdivisions: 4 };
         let settings = Settings::default();
-        Ok(Loaded { scene, settings, is_displaced: true, exaggeration: 1.0, scale: None, files: vec![] })
+        let (exaggeration, scale, files) = (1.0, None, vec![]);
+        let has_own_subdivisions = false;
+        Ok(Loaded { scene, settings, is_displaced: true, exaggeration, scale, has_own_subdivisions, files })
     }
 
     fn command(&self, shot: &Shot<'_>) -> String {
         format!("{:?} {:?}", shot.engine.backend, shot.output)
+    }
+}
+
+/// The same triangle in another place, as an instance.
+struct Elsewhere;
+
+impl Source for Elsewhere {
+    fn read(&self, zero: Option<f32>) -> Result<Loaded, Unread> {
+        let mut loaded = OneTriangle.read(zero)?;
+        let places = vec![glam::DAffine3::from_translation(glam::DVec3::new(10.0, 20.0, 30.0))];
+        loaded.scene.parts = vec![crate::instances::Part { triangle_count: 1, places }];
+        Ok(loaded)
+    }
+
+    fn command(&self, _: &Shot<'_>) -> String {
+        String::new()
     }
 }
 
@@ -166,8 +184,11 @@ struct Thread {
 
 impl Thread {
     fn start(start: Start, is_replaceable: bool) -> Thread {
+        Thread::of(Arc::new(OneTriangle), start, is_replaceable)
+    }
+
+    fn of(source: Arc<dyn Source>, start: Start, is_replaceable: bool) -> Thread {
         let (sender, reports) = channel();
-        let source: Arc<dyn Source> = Arc::new(OneTriangle);
         let handle = Handle::start(Setup {
             start,
             engine: Engine { backend: BackendChoice::Vulkan, device: None },
@@ -191,7 +212,7 @@ impl Thread {
     }
 
     /// Waits for a report that `is_it` takes.
-    fn hear<T>(&self, is_it: impl Fn(Report) -> Option<T>) -> T {
+    fn hear<T>(&self, mut is_it: impl FnMut(Report) -> Option<T>) -> T {
         let end = Instant::now() + LONG;
         loop {
             let left = end.saturating_duration_since(Instant::now());
@@ -226,6 +247,47 @@ fn slow_devices_begin_with_fewer_pixels() {
     // 1 s for all: a quarter of a quarter of a quarter is 16 ms.
     assert_eq!(level(1e-6, (1000, 1000)), 3);
     assert_eq!(level(1.0, (1000, 1000)), LEAST_LEVEL);
+}
+
+/// As `emboss render` frames them.
+#[test]
+fn instances_are_framed_in_their_places() {
+    let mut thread = Thread::of(Arc::new(Elsewhere), Box::new(|| Ok(Box::new(CpuBackend::new()))), false);
+    thread.want(&Tuning::default(), (16, 12));
+    let framing = thread.see().framing;
+    let loaded = Elsewhere.read(None).expect("made by code");
+    let settings = Settings { width: 16, height: 12, ..loaded.settings };
+    let mut job = crate::render::prepare(loaded.scene, &settings).expect("sound");
+    let mut backend = CpuBackend::new();
+    crate::render::load(&mut backend, &mut job).expect("it fits");
+    assert_eq!(framing.camera, job.frame.camera);
+}
+
+/// A picture that shows nothing is told of once, until there was another one.
+#[test]
+fn useless_pictures_are_told_once() {
+    let mut thread = Thread::start(Box::new(|| Ok(Box::new(CpuBackend::new()))), false);
+    // The messages until the picture is whole and was looked at, and a setting has come after it.
+    let told = |thread: &mut Thread, target: DVec3, fov: f32| {
+        let pose = Pose { eye: DVec3::new(0.2, 0.2, 5.0), target, up: DVec3::Y, fov };
+        thread.want(&Tuning { pose: Some(pose), ..Tuning::default() }, (16, 12));
+        let mut messages = 0;
+        thread.hear(|report| match report {
+            Report::Message(message) => {
+                messages +=
+                    u32::from(message.contains("the picture is empty: the model is behind the camera"));
+                None
+            }
+            Report::Seen(seen) if seen.serial == thread.serial && seen.samples == 2 => Some(()),
+            _ => None,
+        });
+        messages
+    };
+    let (at, away) = (DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.2, 0.2, 9.0));
+    let views = [(at, 30.0), (away, 30.0), (away, 40.0), (at, 30.0), (at, 40.0), (away, 30.0), (at, 30.0)];
+    let counts = views.map(|(target, fov)| told(&mut thread, target, fov));
+    // What a picture is told of comes after it.
+    assert_eq!(counts, [0, 0, 1, 0, 0, 0, 1]);
 }
 
 #[test]
