@@ -1,6 +1,6 @@
 //! Axis-aligned boxes.
 
-use crate::math::{MinMax, UNIT_ROUNDOFF, gamma, max_abs, put};
+use crate::math::{MinMax, gamma, put};
 use crate::ray::TraversalRay;
 use glam::Vec3;
 
@@ -11,21 +11,6 @@ pub struct Aabb {
     pub min: Vec3,
     /// Upper corner.
     pub max: Vec3,
-}
-
-/// By how much of the greatest coordinate of a triangle, and of a ray's origin, boxes in a tree are grown: so that the
-/// box of each triangle that the ray is found to hit is entered, no farther away than that, however far the ray's
-/// origin is and wherever the box has no extent.
-///
-/// The triangle test moves vertices as seen along the ray by at most 6 u of the distance from its origin, 6 sqrt(3) u
-/// of both coordinates. That counts twice, as in [`quadtree`](crate::displacement::quadtree), and its distance is off
-/// by 12 u of as much: 42 u together.
-pub const BOX_MARGIN: f32 = 48.0 * UNIT_ROUNDOFF;
-
-/// By how much a ray from `origin` grows all boxes.
-#[inline]
-pub fn box_margin(origin: Vec3) -> f32 {
-    BOX_MARGIN * max_abs(origin)
 }
 
 impl Aabb {

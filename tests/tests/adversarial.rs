@@ -16,7 +16,7 @@ use emboss_tests::compare::rendered;
 use emboss_tests::meshes::{self, Solid};
 use emboss_tests::oracle::Oracle;
 use emboss_tests::planes::{self, Pair, Plane, Planes, Tally, assert_dark, assert_unshadowed};
-use emboss_tests::scenes::{self, ReadyJob, VECTORS, WildMap, job, random_solid, with_vectors};
+use emboss_tests::scenes::{ReadyJob, VECTORS, WildMap, job, random_solid, with_vectors};
 use emboss_tests::{HardRays, Hardship, Numbers, RaySource};
 use glam::{Vec3, Vec4};
 
@@ -341,35 +341,6 @@ fn closed_rooms_are_dark() {
         }
     }
     assert!(tally.shadow_rays > 100_000, "{tally:?}");
-}
-
-/// A camera far away, through whose pixels rays pass within rounding of edges along the axes, where the boxes of two
-/// squares end: rays from ten thousand sides away meet a sheet of squares everywhere.
-#[test]
-fn sheet_seen_from_afar_has_no_holes() {
-    let sheet = scenes::tiles();
-    let middle = Vec3::new(2.0, 2.0, 0.0);
-    for method in [Method::None, Method::Quadtree, Method::Tessellate, Method::BruteForce] {
-        let settings = Settings { method, width: 1, height: 1, ..Settings::default() };
-        let job = job(scenes::scaled(sheet.clone(), 0.0), &settings);
-        let mut numbers = Numbers::new(12);
-        let rays: Vec<Ray> = (0..4000)
-            .map(|_| {
-                let origin = middle + (Vec3::Z * 0.4 + numbers.in_cube() * 0.2).normalize() * 4e4;
-                // Within rounding of an edge along x or y, within a thousandth of a side of it.
-                let on_edge = 1.0 + numbers.below(3) as f32 + numbers.between(-2e-3, 2e-3);
-                let along = numbers.between(0.1, 3.9);
-                let (x, y) = if numbers.unit() < 0.5 { (on_edge, along) } else { (along, on_edge) };
-                let direction = Vec3::new(x, y, 0.0) - origin;
-                Ray { origin, t_max: f32::INFINITY, direction, padding: 0 }
-            })
-            .collect();
-        let mut backend = CpuBackend::new();
-        backend.load(&job.buffers, &job.frame, job.features).expect("a small scene fits");
-        let hits = backend.trace_rays(&rays).expect("the CPU does not fail");
-        let missed = hits.iter().filter(|hit| hit.primitive == MISS).count();
-        assert_eq!(missed, 0, "{method}");
-    }
 }
 
 /// Of faces with the same corners, however these are ordered, the first is seen: by every exact method, from both sides

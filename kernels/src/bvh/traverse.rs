@@ -1,6 +1,6 @@
 //! Traversal of the binary BVH.
 
-use crate::aabb::{Aabb, box_margin};
+use crate::aabb::Aabb;
 use crate::counters::Counts;
 use crate::displacement::quadtree::Descent;
 use crate::displacement::surface::{BaseTriangle, HeightField};
@@ -62,8 +62,15 @@ fn traverse_binary(
     let instanced = features.instances != 0;
     let mut place = Place::WORLD;
     let mut ray = *world_ray;
-    // Of the tree over instances, or of the only one.
-    let margin = if instanced { ray_margin(world_ray.origin) } else { box_margin(world_ray.origin) };
+    let tessellated = features.method == method::TESSELLATE;
+    let has_margin = instanced || tessellated;
+    let margin = if tessellated {
+        tessellate::ray_margin(world_ray.origin)
+    } else if instanced {
+        ray_margin(world_ray.origin)
+    } else {
+        0.0
+    };
     let mut stack: [u32; MAX_BVH_DEPTH as usize] = scratch();
     let mut stack_distances: [f32; MAX_BVH_DEPTH as usize] = scratch();
     let mut depth = 0;
@@ -73,7 +80,7 @@ fn traverse_binary(
     let mut world_depth = 0;
     // The node to be visited next. Its contents would take registers while prisms are tested.
     let mut next_node = 0;
-    let mut distance = at(scene.nodes, 0).entry_distance(&ray, ray.t_max, margin);
+    let mut distance = at(scene.nodes, 0).entry_distance(&ray, ray.t_max, has_margin, margin);
     counts.boxes += 1;
     // The leaf at hand: its next entry, and how many are left.
     let mut entry = 0;
@@ -118,9 +125,11 @@ fn traverse_binary(
                     let first = if instanced { place.first_node + node.first } else { node.first };
                     let (left, right) = (at(scene.nodes, first), at(scene.nodes, first + 1));
                     let limit = farthest(&ray, nearest);
-                    let margin = if in_world || !instanced { margin } else { box_margin(ray.origin) };
-                    let (to_left, to_right) =
-                        (left.entry_distance(&ray, limit, margin), right.entry_distance(&ray, limit, margin));
+                    let margin = if in_world || tessellated { margin } else { 0.0 };
+                    let (to_left, to_right) = (
+                        left.entry_distance(&ray, limit, has_margin, margin),
+                        right.entry_distance(&ray, limit, has_margin, margin),
+                    );
                     counts.boxes += 2;
                     let left_first = to_left <= to_right;
                     let (near, far) = if left_first { (to_left, to_right) } else { (to_right, to_left) };
@@ -204,10 +213,12 @@ pub(crate) fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
 }
 
 impl BvhNode {
-    /// See [`Aabb::entry_distance`]; the box is grown by `margin`.
+    /// See [`Aabb::entry_distance`]; the box is grown by `margin` where it `has_margin`.
     #[inline]
-    fn entry_distance(&self, ray: &TraversalRay, t_max: f32, margin: f32) -> f32 {
-        Aabb { min: self.min, max: self.max }.padded(margin).entry_distance(ray, t_max)
+    fn entry_distance(&self, ray: &TraversalRay, t_max: f32, has_margin: bool, margin: f32) -> f32 {
+        let bounds = Aabb { min: self.min, max: self.max };
+        let bounds = if has_margin { bounds.padded(margin) } else { bounds };
+        bounds.entry_distance(ray, t_max)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The micro-triangle surface: what every method intersects.
 
-use crate::aabb::{Aabb, BOX_MARGIN};
+use crate::aabb::Aabb;
 use crate::barycentric::{exact_weight, grid_point, interpolate, interpolate2};
 use crate::displacement::cell::Cell;
 use crate::displacement::height_pyramid::Pyramid;
@@ -647,8 +647,7 @@ impl BaseTriangle {
     /// For its own field two bounds, both valid, intersected: the hull of the six points p_i + lift n_i at the ends of
     /// the lift's range (every displaced point is a convex combination of them), and the base triangle's box grown by
     /// the greatest height (directions are no longer than unit vectors). Seams add the hulls of four points each, or
-    /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex, and by
-    /// [`BOX_MARGIN`].
+    /// their base edge's box grown by their greatest height. Padded by what rounding can move a micro-vertex.
     pub fn bounds(&self, field: &HeightField<'_>) -> Aabb {
         let reach = self.height_min.abs().max_num(self.height_max.abs());
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
@@ -700,8 +699,8 @@ impl BaseTriangle {
         // Position and direction of a micro-vertex are interpolated: weights are off by 5 u (Vulkan's division) and
         // sums of three products by 3 u. Its lift is off by 16 u: half of a dot product's 3 u, 9 u for the root (see
         // `sqrt`), 5 u for the division. A product and a sum put them together, and the corners of the hull too. That
-        // is 11 u of positions and 28 u of the reach, and a rounding here. The rest is what rays need.
-        bounds.padded((32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + self.reach(field)))
+        // is 11 u of positions and 28 u of the reach, and a rounding here.
+        bounds.padded(32.0 * UNIT_ROUNDOFF * (magnitude + self.reach(field)))
     }
 
     /// A box that holds the base triangle itself, padded as [`bounds`](Self::bounds) are.
@@ -709,7 +708,7 @@ impl BaseTriangle {
     pub fn flat_bounds(&self) -> Aabb {
         let flat = Aabb::EMPTY.including(self.p0).including(self.p1).including(self.p2);
         let magnitude = max_abs(self.p0).max_num(max_abs(self.p1)).max_num(max_abs(self.p2));
-        flat.padded((32.0 * UNIT_ROUNDOFF + BOX_MARGIN) * magnitude)
+        flat.padded(32.0 * UNIT_ROUNDOFF * magnitude)
     }
 
     /// [`bounds`](Self::bounds) of vector displacement. `flat`: the box of the base triangle. `magnitude`: of its
@@ -718,7 +717,7 @@ impl BaseTriangle {
         let reach = self.reach(field);
         // Two more products and sums than heights take, and 3 u of a bitangent; the mean of a seam's sides is in its
         // bound.
-        let error = (40.0 * UNIT_ROUNDOFF + BOX_MARGIN) * (magnitude + reach);
+        let error = 40.0 * UNIT_ROUNDOFF * (magnitude + reach);
         let grown = flat.padded(reach + error);
         // Levels change heights by what depends on the view, which boxes do not.
         if field.is_filtered() {

@@ -11,14 +11,22 @@
 //! 1 lie along an edge: row s = N - j begins at s (s + 1) / 2. Micro-triangles are in rows too, of 2r + 1 between
 //! rows r and r + 1 of micro-vertices, beginning at r²; lower and upper ones by turns. Neither place depends on N.
 
-use crate::aabb::{Aabb, BOX_MARGIN};
+use crate::aabb::Aabb;
 use crate::displacement::cell::Cell;
 use crate::displacement::surface::{BaseTriangle, HeightField, intersect_micro_triangle};
 use crate::hit::Hit;
-use crate::math::{at, max_abs, put, sqrt};
+use crate::math::{UNIT_ROUNDOFF, at, max_abs, put, sqrt};
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use glam::Vec3;
+
+/// By how much of the greatest coordinate of a micro-triangle, and of a ray's origin, boxes are grown: so that the
+/// box of each micro-triangle that the ray is found to hit is entered, no farther away than that.
+///
+/// The triangle test moves vertices as seen along the ray by at most 6 u of the distance from its origin, 6 sqrt(3) u
+/// of both coordinates. That counts twice, as in [`quadtree`](super::quadtree), and its distance is off by 12 u of as
+/// much: 42 u together.
+const MARGIN: f32 = 48.0 * UNIT_ROUNDOFF;
 
 /// Micro-vertices of a base triangle whose sides have `n` parts.
 #[inline]
@@ -92,8 +100,14 @@ fn corners(micro_vertices: &[f32], n: u32, primitive: u32, cell: Cell) -> [Vec3;
 pub fn bounds(micro_vertices: &[f32], n: u32, i: u32) -> Aabb {
     let [a, b, c] = corners(micro_vertices, n, i / (n * n), cell_at(n, i % (n * n)));
     let magnitude = max_abs(a).max(max_abs(b)).max(max_abs(c));
-    let bounds = Aabb::EMPTY.including(a).including(b).including(c).padded(BOX_MARGIN * magnitude);
+    let bounds = Aabb::EMPTY.including(a).including(b).including(c).padded(MARGIN * magnitude);
     if a.is_finite() && b.is_finite() && c.is_finite() { bounds } else { Aabb::EMPTY }
+}
+
+/// By how much a ray from `origin` grows all boxes.
+#[inline]
+pub fn ray_margin(origin: Vec3) -> f32 {
+    MARGIN * max_abs(origin)
 }
 
 /// The nearer of `nearest` and the ray's hit on micro-triangle number `i` of all.
