@@ -56,6 +56,7 @@ pub struct DirectLighting {
 
 /// A part of the way from a hit to a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
 enum Way {
     /// From the hit to the light.
     Direct,
