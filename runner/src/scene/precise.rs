@@ -55,8 +55,8 @@ impl Mesh {
         Mesh { dropped, collapsed, space: RenderSpace { origin, exponent: 0 }, ..mesh }
     }
 
-    /// [`from_precise`](Self::from_precise) of each of the [`groups`] that the triangles are in, at least one mesh; what
-    /// is left out of groups that come to nothing is counted with the first.
+    /// [`from_precise`](Self::from_precise) of each of the [`groups`] that the triangles are in, at least one mesh;
+    /// what is left out of groups that come to nothing is counted with the first.
     pub fn apart_from_precise(
         vertices: &[PreciseVertex],
         triangles: impl Iterator<Item = ([u32; 3], u32)>,
