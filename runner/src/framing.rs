@@ -150,8 +150,8 @@ pub fn frame(view: &View, boxes: &[Aabb], aspect: f64, space: &RenderSpace) -> R
 }
 
 /// The light of a scene that names none, in render space: white, over the viewer's left shoulder, at one and a half
-/// times the viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1: a
-/// white one looks white.
+/// times the viewer's distance from the target. A surface at the target that faces it has full light, the irradiance 1:
+/// a white one looks white.
 pub fn key_light(framing: &Framing) -> PointLight {
     let Framing { camera, target, .. } = framing;
     let shoulder = 0.6 * camera.up.normalize() - 0.7 * camera.right.normalize() - camera.forward;

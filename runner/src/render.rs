@@ -466,8 +466,8 @@ fn view_step(mesh: &Mesh, parts: &[Part]) -> f64 {
     if least.is_normal() { ROOM * 2_f64.powi(exponent_of(least)) } else { f64::INFINITY }
 }
 
-/// See [`view_step`]: where the eye is half a step away, coordinates are 2^-12 of the smallest part apart. Less would have
-/// the viewer load a meadow of many small parts anew more often.
+/// See [`view_step`]: where the eye is half a step away, coordinates are 2^-12 of the smallest part apart. Less would
+/// have the viewer load a meadow of many small parts anew more often.
 const ROOM: f64 = 4096.0;
 
 /// Whether a map that a triangle reads does not go on beyond its borders as it is within them.

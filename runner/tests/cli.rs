@@ -741,7 +741,7 @@ fn scene_files_that_are_wrong_name_the_line_and_a_remedy() {
         ("[[model]]\nbuiltin = \"cube\"\nscale = 0\n", "3: a scale of 0 leaves nothing"),
         ("[[model]]\nbuiltin = \"cube\"\nscale = [1, -0.0, 1]\n", "3: a scale of 0 leaves nothing"),
         (
-            "[[model]]\nbuiltin = \"cube\"\nscale = 1e38\ntranslate = [3e38, 0, 0]\n",
+            "[[model]]\nbuiltin = \"cube\"\nscale = 3e38\nrotate = [0, 45, 0]\n",
             "1: the model's coordinates become too large",
         ),
         (

@@ -55,8 +55,8 @@ impl Mesh {
         Mesh { dropped, collapsed, space: RenderSpace { origin, exponent: 0 }, ..mesh }
     }
 
-    /// [`from_precise`](Self::from_precise) of each of the [`groups`] that the triangles are in, at least one mesh; what
-    /// is left out of groups that come to nothing is counted with the first.
+    /// [`from_precise`](Self::from_precise) of each of the [`groups`] that the triangles are in, at least one mesh;
+    /// what is left out of groups that come to nothing is counted with the first.
     pub fn apart_from_precise(
         vertices: &[PreciseVertex],
         triangles: impl Iterator<Item = ([u32; 3], u32)>,
@@ -401,8 +401,8 @@ mod tests {
         assert_eq!(together(&[0.0, 5e5, 4e9]), expected);
         assert_eq!(together(&[4e9, 0.0, 5e5]), expected);
         assert_eq!(together(&[0.0, 1000.0]).len(), 1);
-        // As many as there may be, and no more.
-        let many: Vec<f64> = (0..100).map(|i| f64::from(i) * 1e5).collect();
+        // As many as there may be, and no more: the widest gap is before the last one of them.
+        let many: Vec<f64> = (0..100).map(|i| 1e6 * 1.2_f64.powi(i)).collect();
         assert_eq!(together(&many).len(), MOST_GROUPS);
     }
 

@@ -1,6 +1,7 @@
 use super::*;
 use crate::scene::MapFile;
 use crate::settings::Wrap;
+use crate::space::RenderSpace;
 use emboss_kernels::interface::{FLIPPED, Triangle};
 use glam::Vec3;
 use std::io::Write;
@@ -433,9 +434,25 @@ fn split_cube(faces: impl Fn(usize) -> String) -> String {
     text
 }
 
+/// The mesh with its positions about the world's origin.
 fn load_subdivided(model: &str, subdivide: &str) -> Mesh {
     let (_folder, path) = folder(model, &[]);
-    load_subdivided_obj(&path, &subdivide.parse().unwrap()).unwrap().mesh
+    let mesh = load_subdivided_obj(&path, &subdivide.parse().unwrap()).unwrap().mesh;
+    mesh.in_space(RenderSpace::default()).expect("it is near")
+}
+
+/// Far from the origin the same mesh stands there, and keeps its digits.
+#[test]
+fn models_are_subdivided_wherever_they_stand() {
+    let subdivided = |far: u32| {
+        let text = split_cube(|_| String::new()).replace("v 0 ", &format!("v {far} "));
+        let (_folder, path) = folder(&text.replace("v 1 ", &format!("v {} ", far + 1)), &[]);
+        load_subdivided_obj(&path, &"2".parse().unwrap()).unwrap().mesh
+    };
+    // Moved by a multiple of the grid of its origin.
+    let (near, far) = (subdivided(0), subdivided(1 << 30));
+    assert_eq!((&near.vertices, &near.triangles), (&far.vertices, &far.triangles));
+    assert_eq!(far.space.origin - near.space.origin, DVec3::X * f64::from(1_u32 << 30));
 }
 
 /// Corners that are split in the file are one, quads stay quads, and vn is not read: by hand Halstead's limit of a
