@@ -59,10 +59,10 @@ impl SurfaceInteraction {
     /// - Its own: a sum of three products, of weights that add up to 1 within 3 u, is off the plane by gamma(7) of the
     ///   greatest coordinate M of the micro-triangle (pbrt-v4, section 6.8.5); `OF_COORDINATE` leaves room for the
     ///   move along a rounded normal.
-    /// - That of the ray's end: of two surfaces which are as far from the ray's start within rounding, either may be
-    ///   found, and a ray that leaves it has to start in front of both. The plane of a triangle, as the test sees it
-    ///   from the ray's start, is off by 20 u of the greatest depth of a corner ([`triangle`](crate::triangle) counts), two
-    ///   planes by 40 u. A corner is no deeper than the distance travelled, t, and twice the greatest component of a
+    /// - The error of the ray's end: of two surfaces which are as far from the ray's start within rounding, either may
+    ///   be found, and a ray that leaves it has to start in front of both. The plane of a triangle, as the test sees it
+    ///   from the ray's start, is off by 20 u of the greatest depth of a corner ([`triangle`](crate::triangle) counts),
+    ///   two planes by 40 u. A corner is no deeper than the distance travelled, t, and twice the greatest component of a
     ///   side: `OF_DEPTH`.
     #[inline]
     pub fn new(scene: &SceneView<'_>, features: Features, ray: &TraversalRay, hit: Hit) -> Self {

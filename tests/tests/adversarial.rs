@@ -365,8 +365,8 @@ fn first_of_coincident_faces_is_seen() {
     }
 }
 
-/// A leaf: a front and a back, displaced away from each other by a relief that is 0 in places. From in front it looks as
-/// its front alone does, however the places where both are one are come upon.
+/// A leaf: a front and a back, displaced away from each other by a relief that is 0 in places. From in front it looks
+/// as its front alone does, however the places where both are one are come upon.
 #[test]
 fn back_of_a_leaf_does_not_shadow_its_front() {
     // Veins in both directions: flat in between, and contact along curves. Flat at the border, where one could look
