@@ -61,8 +61,8 @@ impl SurfaceInteraction {
     ///   move along a rounded normal.
     /// - The error of the ray's end: of two surfaces which are as far from the ray's start within rounding, either may
     ///   be found, and a ray that leaves it has to start in front of both. The plane of a triangle, as the test sees it
-    ///   from the ray's start, is off by 20 u of the greatest depth of a corner ([`triangle`](crate::triangle) counts),
-    ///   two planes by 40 u. A corner is no deeper than the distance travelled, t, and twice the greatest component of a
+    ///   from the ray's start, is off by 20 u of a corner's greatest depth ([`triangle`](crate::triangle) counts), two
+    ///   planes by 40 u. A corner is no deeper than the distance travelled, t, and twice the greatest component of a
     ///   side: `OF_DEPTH`.
     #[inline]
     pub fn new(scene: &SceneView<'_>, features: Features, ray: &TraversalRay, hit: Hit) -> Self {
