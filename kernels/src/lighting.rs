@@ -133,12 +133,13 @@ impl DirectLighting {
     ) -> (TraversalRay, bool) {
         let mut light = Vec3::ZERO;
         let mut found = false;
-        let goes_on = features.smooth != 0 && self.way == Way::Lifted;
+        let is_lit = features.shade == shade::LIT || features.shade == shade::ERROR;
+        // Constants first, so that pipelines which need none of it have no code for it.
+        let goes_on = is_lit && features.shadows != 0 && features.smooth != 0 && self.way == Way::Lifted;
         if goes_on {
             light = at(scene.lights, self.next_light - 1).position;
             found = true;
         }
-        let is_lit = features.shade == shade::LIT || features.shade == shade::ERROR;
         while is_lit && !found && self.next_light < scene.frame.light_count {
             let source = at(scene.lights, self.next_light);
             light = source.position;

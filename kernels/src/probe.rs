@@ -53,7 +53,7 @@ pub const DENORMALS: u32 = 13;
 /// [`TraversalRay::from_ray`] and [`next_up`]: direction, `t_max` to the unit direction, the distance at `t_max`, the
 /// parameter there, and the neighbours of the direction's x above and below.
 pub const DIRECTION: u32 = 14;
-/// [`unit`]: a vector to a unit vector.
+/// [`unit()`]: a vector to a unit vector.
 pub const UNIT: u32 = 15;
 /// How many kernels there are.
 pub const COUNT: u32 = 16;

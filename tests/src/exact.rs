@@ -88,11 +88,12 @@ impl Tallies {
     /// nearly all hits are sure to be hits of something. The floors lie below the least that was measured: clear are
     /// 3/4 on the knot at N = 64 by the CPU's bounds and 0.59 by Vulkan's, and sure of the aimed ones 0.27 on the quilt
     /// at N = 1. Of random hits more than `sure` in a hundred must be: 99 under heights, 98 under vectors, since these
-    /// fold the knot so that there are outlines everywhere, and 0.99 was measured.
+    /// fold the knot so that there are outlines everywhere, and 0.99 was measured. Of rays that leave a surface some
+    /// come back to it, unless it `is_plane`.
     ///
     /// # Panics
     /// Where they were not.
-    pub fn assert_telling(&self, sure: u64) {
+    pub fn assert_telling(&self, sure: u64, is_plane: bool) {
         let Tallies { random, aimed, leaving } = self;
         assert!(5 * random.hits > 2 * random.rays, "too few hits: {self:?}");
         assert!(2 * random.clear > random.rays, "too many close calls: {self:?}");
@@ -100,7 +101,7 @@ impl Tallies {
         assert!(1000 * random.same > 998 * random.hits, "too many other micro-triangles: {self:?}");
         // A sheet's edges are a border that rays may miss.
         assert!(5 * aimed.must_hit > aimed.rays, "too few hits that are sure: {self:?}");
-        assert!(leaving.hits > 0, "no ray comes back: {self:?}");
+        assert!(is_plane || leaving.hits > 0, "no ray comes back: {self:?}");
     }
 }
 
@@ -288,7 +289,9 @@ impl<'a> Court<'a> {
         cases.run(what, || {
             let oracle = oracle(&job.buffers, &job.frame, job.features);
             let tallies = judge_rays(job, &oracle, *backend, seed, count);
-            tallies.assert_telling(sure);
+            // Two flat triangles: a ray that leaves them meets nothing.
+            let is_plane = job.frame.triangle_count == 2 && job.frame.subdivisions == 1;
+            tallies.assert_telling(sure, is_plane);
             tallies
         });
     }

@@ -3,7 +3,7 @@
 use super::{
     BackendError, BuildReport, SceneBuffers, check_displacements, check_features, check_lights,
     distance_maps, has_tree, is_stored, micro_vertices, reserved, stored_sizes, tree_primitives,
-    turned_distances, unknown_distances, with_displacements, with_view,
+    turned_distances, unknown_distances, with_displacements, with_stored_bounds, with_view,
 };
 use crate::bvh::{Bvh, Hlbvh, MOST_GROWTH};
 use crate::heights::build_pyramids;
@@ -171,7 +171,7 @@ impl HostScene {
     /// [`BackendError::Unsound`] where the scene was packed or built for others.
     pub fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
         check_features(self.features, features)?;
-        self.features = features;
+        self.features = with_stored_bounds(self.features, features);
         Ok(())
     }
 

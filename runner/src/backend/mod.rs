@@ -308,7 +308,8 @@ fn check_displacements(loaded: &[Displacement], new: &[Displacement]) -> Result<
 
 /// Finds out whether `new` differs from `loaded` in nothing that the scene was packed or built for.
 fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
-    let Features { method, shade, shadows, smooth, counters, .. } = new;
+    // Bounds are as they were stored: see `with_stored_bounds`.
+    let Features { method, shade, shadows, smooth, counters, bounds, .. } = new;
     // Height maps are packed with their levels only where a method displaces. Boxes are those of the surface that rays
     // meet, and methods in image space have no seams.
     let lacks_levels = !displaces(loaded) && displaces(new) && loaded.filter != filter::BILINEAR;
@@ -320,7 +321,7 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
         || lacks_map
         || other_boxes
         || lacks_store
-        || (Features { method, shade, shadows, smooth, counters, ..loaded }) != new
+        || (Features { method, shade, shadows, smooth, counters, bounds, ..loaded }) != new
     {
         "the features need another scene than the one loaded"
     } else if new.adaptive != 0 && !method::takes_any_scene(method) {
@@ -331,6 +332,11 @@ fn check_features(loaded: Features, new: Features) -> Result<(), BackendError> {
         return Ok(());
     };
     Err(BackendError::Unsound { what })
+}
+
+/// The features of other code for a scene with what is stored of its bounds.
+fn with_stored_bounds(loaded: Features, new: Features) -> Features {
+    Features { bounds: loaded.bounds, ..new }
 }
 
 /// Whether the method intersects a tessellation, which is stored.
@@ -381,7 +387,7 @@ pub(crate) fn micro_vertices(frame: &Frame, features: Features) -> u32 {
 
 /// Whether a [tree](emboss_kernels::prism_tree) is stored for the exact method.
 pub(crate) fn has_tree(frame: &Frame, features: Features) -> bool {
-    features.bounds != bounds::NONE && frame.triangle_count > 0
+    features.bounds != bounds::NONE && !is_stored(features) && frame.triangle_count > 0
 }
 
 /// How many floats of micro-vertices are stored, and how many quarters a stored tree has. `seams`: the entries of the

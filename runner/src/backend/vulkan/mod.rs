@@ -568,7 +568,7 @@ impl Backend for VulkanBackend {
     fn set_features(&mut self, features: Features) -> Result<(), BackendError> {
         self.samples_ms = 0.0;
         self.resident.set_features(&self.commands, features)?;
-        self.programs.set_features(features);
+        self.programs.set_features(self.resident.features());
         self.compile_tracing()
     }
 

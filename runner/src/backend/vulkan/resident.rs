@@ -8,7 +8,7 @@ use super::transfers::Transfers;
 use crate::backend::{
     BackendError, SceneBuffers, check_displacements, check_features, check_lights, distance_maps, has_tree,
     is_stored, micro_vertices, stored_sizes, tree_primitives, turned_distances, unknown_distances,
-    with_displacements, with_view,
+    with_displacements, with_stored_bounds, with_view,
 };
 use crate::instances;
 use bytemuck::{bytes_of, cast_slice};
@@ -183,7 +183,7 @@ impl Resident {
         features: Features,
     ) -> Result<(), BackendError> {
         check_features(self.features, features)?;
-        self.features = features;
+        self.features = with_stored_bounds(self.features, features);
         self.clear_film(commands)
     }
 
@@ -235,6 +235,11 @@ impl Resident {
         let micro_triangles =
             if is_stored(self.features) { tree_primitives(&self.frame, self.features) } else { 0 };
         [micro_vertices(&self.frame, self.features), micro_triangles]
+    }
+
+    /// Which code it is traced with.
+    pub(super) fn features(&self) -> Features {
+        self.features
     }
 
     /// N, and which bounds are stored.
