@@ -446,7 +446,7 @@ fn load_subdivided(model: &str, subdivide: &str) -> Mesh {
 fn models_are_subdivided_wherever_they_stand() {
     let subdivided = |far: u32| {
         let text = split_cube(|_| String::new()).replace("v 0 ", &format!("v {far} "));
-        let (_folder, path) = folder(&text.replace("v 1 ", &format!("v {} ", far + 1)), &[]);
+        let (_folder, path) = folder(text.replace("v 1 ", &format!("v {} ", far + 1)), &[]);
         load_subdivided_obj(&path, &"2".parse().unwrap()).unwrap().mesh
     };
     // Moved by a multiple of the grid of its origin.
