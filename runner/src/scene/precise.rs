@@ -95,7 +95,7 @@ impl Mesh {
     }
 
     /// Adds the subtracted [tiles](Mesh::tiles) again to all charts of which a triangle `reads_clamped`: a map that
-    /// does not repeat. A chart that lay outside [0,1] does so again, so that its clamped maps show their borders,
+    /// does not repeat. A chart that lay outside 0 to 1 does so again, so that its clamped maps show their borders,
     /// which do not depend on digits.
     pub fn with_whole_coordinates(
         &mut self,
