@@ -94,7 +94,7 @@ fn rigid_motions_move_the_picture() {
     assert!(2 * clear > all, "{clear} of {all}");
 }
 
-/// Two patches 10^9 extents apart, each seen from near: as if it were alone, and by the same work.
+/// Two patches 10^9 extents apart, each seen from near: as if it were alone.
 #[test]
 fn models_of_a_scene_may_stand_far_from_each_other() {
     let mut numbers = Numbers::new(4);
@@ -111,10 +111,6 @@ fn models_of_a_scene_may_stand_far_from_each_other() {
     for (model, place) in [(&a, at(0.0)), (&b, far)] {
         let (expected, found) = (alone(model), on_cpu(together.clone(), &model.settings(place, 1.0)));
         assert_shown(&found.1);
-        for what in [counter::HITS, counter::PRISMS, counter::SUB_TRIANGLES, counter::TRIANGLES] {
-            let [one, other] = [&expected.1, &found.1].map(|totals| totals[what as usize]);
-            assert!(other.abs_diff(one) * 100 <= one, "{one} becomes {other} of {what}");
-        }
         let apart = differing_much(&expected.0, &found.0);
         // Rays that pass within rounding of an edge.
         assert!(apart * 50 <= expected.0.pixels.len(), "{apart} pixels differ");
