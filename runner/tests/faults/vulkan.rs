@@ -202,7 +202,9 @@ fn surface_that_cannot_be_had_is_done_without() {
     let (ended, _) = viewer.end();
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let said = "INFO pictures are shown by the window's system: Vulkan: presenting a picture failed: ";
-    let lines: Vec<_> = ended.stderr.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    // The cube's relief asks for a larger N, which is said too.
+    let is_other = |line: &&str| !line.is_empty() && !line.contains("texels lie between");
+    let lines: Vec<_> = ended.stderr.lines().map(str::trim).filter(is_other).collect();
     assert!(lines[0].starts_with(said) && lines[1..] == ["INFO wrote a.png"], "{}", ended.stderr);
     let failed = place.faults.failed().expect("it failed");
     assert!(failed.iter().all(|call| call.starts_with(PRESENT)), "{failed:?}");
@@ -241,7 +243,8 @@ fn failed_rendering_leaves_what_was_there() {
         let place = Place::new();
         std::fs::write(place.path("out.png"), "older").expect("writable");
         place.plan(&[fault]);
-        let more = ["--size=32x24", "--samples=1000", "--output=out.png", "--stats=stats.json"];
+        // Quiet, since the cube's relief asks for a larger N than this.
+        let more = ["--size=32x24", "--samples=1000", "--output=out.png", "--stats=stats.json", "--quiet"];
         let (ended, _) = place.run(&[&["render"], &CUBE[..], &LAVAPIPE, &more].concat());
         ended.failed(&parts);
         assert_eq!((place.files(), place.read("out.png")), (vec!["out.png".to_owned()], "older".to_owned()));

@@ -321,7 +321,7 @@ impl Kernel {
             Kernel::Tessellate | Kernel::TreeMicroVertices => {
                 &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT]
             }
-            Kernel::TreeFrames => &[SEAMS, DISPLACEMENT],
+            Kernel::TreeFrames => &[SEAMS],
             Kernel::TreeBlocks => &[HEIGHT_FORMAT, HEIGHT_WRAP, NORMALS, SEAMS, DISPLACEMENT, BOUNDS],
             _ => &[],
         }
