@@ -212,9 +212,7 @@ fn statistics_have_every_number() {
     assert_eq!(number("/bytes/film"), 16.0 * 12.0 * 20.0);
     assert_eq!(number("/bytes/triangles"), 12.0 * 32.0);
     assert_eq!(number("/bytes/nodes"), 23.0 * 32.0);
-    for positive in
-        ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/sub_triangles", "/work/triangles"]
-    {
+    for positive in ["/bvh_build_ms", "/frame_ms", "/rays_per_second", "/work/triangles", "/bytes/bounds"] {
         assert!(number(positive) > 0.0, "{positive}");
     }
     for present in
@@ -222,7 +220,7 @@ fn statistics_have_every_number() {
     {
         number(&format!("/bytes/{present}"));
     }
-    for present in ["steps", "cap_hits", "lost_walks", "boxes", "prisms"] {
+    for present in ["steps", "cap_hits", "lost_walks", "boxes", "prisms", "sub_triangles"] {
         number(&format!("/work/{present}"));
     }
     assert_eq!(stats["backend"], "cpu");
