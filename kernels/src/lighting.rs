@@ -185,8 +185,9 @@ impl DirectLighting {
         // start, of the way and of their sum is rounded by, and as much of the way for its direction and length.
         let slack = if rises { gamma(8) * (max_abs(raised) + max_abs(self.origin)) } else { 0.0 };
         let ray = ray_between(start, end, slack);
-        // Light from behind the micro-triangle has to pass it.
-        let leaves = rises || dot(wi, self.ng) > 0.0;
+        // Light from behind the micro-triangle has to pass it. A ray from the lifted point leaves no plane: what passes
+        // that point within rounding may be where the first ray ended.
+        let leaves = rises || !goes_on && dot(wi, self.ng) > 0.0;
         if leaves { ray.leaving(self.hit, self.ng) } else { ray }
     }
 
