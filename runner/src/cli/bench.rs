@@ -1,6 +1,6 @@
 //! `emboss bench`: measurements, as tables on standard output.
 
-use super::error::first_error;
+use super::error::{cannot_write, first_error};
 use super::interrupt::Interrupt;
 use super::trace::TraceArgs;
 use super::{CliError, description, progress, say, values};
@@ -14,7 +14,7 @@ use crate::bench::scene;
 use crate::stats::{check_file, write_json};
 use indicatif::ProgressBar;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// What is measured where no sizes are given.
@@ -213,10 +213,6 @@ impl Builder {
             }
         }
     }
-}
-
-pub(super) fn cannot_write(path: &Path, reason: std::io::Error) -> CliError {
-    CliError::Results { path: path.to_owned(), reason }
 }
 
 /// The heading of a device's table.

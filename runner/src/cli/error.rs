@@ -159,6 +159,11 @@ pub(super) fn first_error<E: Display>(worked: Result<(), E>, written: Result<(),
     worked.and(written)
 }
 
+/// The error of a file of measurements that could not be written.
+pub(super) fn cannot_write(path: &Path, reason: std::io::Error) -> CliError {
+    CliError::Results { path: path.to_owned(), reason }
+}
+
 #[cfg(test)]
 mod tests {
     use super::first_error;

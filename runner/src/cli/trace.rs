@@ -1,8 +1,7 @@
 //! `emboss bench trace`: what tracing costs, as a table on standard output.
 
 use super::arguments::RenderArgs;
-use super::bench::cannot_write;
-use super::error::first_error;
+use super::error::{cannot_write, first_error};
 use super::interrupt::Interrupt;
 use super::{CliError, description, say, values};
 use crate::backend::Backend;
