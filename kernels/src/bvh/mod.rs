@@ -19,6 +19,7 @@
 pub mod hlbvh;
 pub mod morton;
 pub mod node;
+pub mod query;
 pub mod radix_sort;
 pub mod refit;
 pub mod scan;

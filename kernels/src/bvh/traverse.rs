@@ -1,6 +1,8 @@
 //! Traversal of the binary BVH.
 
 use crate::aabb::Aabb;
+pub use crate::bvh::query::Query;
+use crate::bvh::query::farthest;
 use crate::counters::Counts;
 use crate::displacement::quadtree::Descent;
 use crate::displacement::surface::{BaseTriangle, HeightField};
@@ -8,20 +10,11 @@ use crate::displacement::{brute_force, grid_walk, inverse, tessellate};
 use crate::hit::Hit;
 use crate::instance::{Place, ray_margin};
 use crate::interface::{BvhNode, MAX_BVH_DEPTH, bounds, method};
-use crate::math::{MinMax, at, gamma, scratch};
+use crate::math::{at, scratch};
 use crate::prism_tree;
 use crate::ray::TraversalRay;
 use crate::scene::{Features, SceneView};
 use crate::triangle;
-
-/// What a traversal looks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Query {
-    /// The nearest hit.
-    Nearest,
-    /// Any hit: the first one found ends the search.
-    Any,
-}
 
 /// A hit of the ray, or [`Hit::NONE`].
 ///
@@ -203,13 +196,6 @@ fn traverse_binary(
     }
     // Any hit ends the search where it is.
     if instanced && place.inside { place.nearest_in_world(nearest) } else { nearest }
-}
-
-/// Beyond this distance a box can hold no hit that counts: hits at equal distances must all be found, and a hit's
-/// computed distance can fall short of its box's by the rounding of both.
-#[inline]
-pub(crate) fn farthest(ray: &TraversalRay, nearest: Hit) -> f32 {
-    ray.t_max.min_num(nearest.t * (1.0 + 4.0 * gamma(12)))
 }
 
 impl BvhNode {

@@ -1,6 +1,6 @@
 //! The loop that takes a ray through a stored tree.
 
-use crate::bvh::traverse::{Query, farthest};
+use crate::bvh::query::{Query, farthest};
 use crate::counters::Counts;
 use crate::hit::Hit;
 use crate::interface::MAX_BVH_DEPTH;
