@@ -15,6 +15,7 @@ use crate::{finish, lavapipe};
 use emboss::backend::vulkan::{Selection, VulkanBackend};
 use std::env;
 use std::fmt::Display;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::str::FromStr;
 use std::time::Instant;
 
@@ -53,23 +54,45 @@ pub struct Cases {
     next: usize,
     first: usize,
     start: Instant,
+    failed: Vec<usize>,
 }
 
 impl Cases {
     /// None has run yet. Those before the number that the environment names will not.
     pub fn new() -> Cases {
-        Cases { next: 0, first: number("EMBOSS_LONG_FROM").unwrap_or(0), start: Instant::now() }
+        Cases {
+            next: 0,
+            first: number("EMBOSS_LONG_FROM").unwrap_or(0),
+            start: Instant::now(),
+            failed: Vec::new(),
+        }
     }
 
-    /// Runs the next case, unless it is left out, and prints what `case` says of it.
+    /// Runs the next case, unless it is left out, and prints what `case` says of it. In the long mode a case that
+    /// panics does not end the others: see [`finish`](Cases::finish).
     #[expect(clippy::print_stdout, reason = "the long mode takes hours and says how far it is")]
     pub fn run<R: Display>(&mut self, name: impl Display, case: impl FnOnce() -> R) {
         let number = self.next;
         self.next += 1;
-        if number >= self.first {
-            let result = case();
-            println!("case {number}, {name}: {result}; {:.0} s", self.start.elapsed().as_secs_f64());
+        if number < self.first {
+            return;
         }
+        let result = if is_long() { catch_unwind(AssertUnwindSafe(case)) } else { Ok(case()) };
+        let seconds = self.start.elapsed().as_secs_f64();
+        if let Ok(result) = result {
+            println!("case {number}, {name}: {result}; {seconds:.0} s");
+        } else {
+            println!("case {number}, {name}: FAILED; {seconds:.0} s");
+            self.failed.push(number);
+        }
+    }
+
+    /// Ends the test.
+    ///
+    /// # Panics
+    /// Where a case failed.
+    pub fn finish(self) {
+        assert!(self.failed.is_empty(), "cases {:?} failed", self.failed);
     }
 }
 

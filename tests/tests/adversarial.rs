@@ -312,6 +312,18 @@ fn coincident_models_and_instances_cast_no_shadow_on_one_another() {
     assert_planes_are_unshadowed(&[Pair::Models, Pair::Instances, Pair::InstanceAndModel]);
 }
 
+/// So far away as the kernels are handed it that the square is sixty steps of a float wide: a surface which is found by
+/// iteration keeps to the same rule.
+#[test]
+fn instances_and_models_far_away_cast_no_shadow_on_one_another() {
+    let planes =
+        Planes { plane: Plane::Tilted, pair: Pair::InstanceAndModel, scale: SCALES[2], offset: OFFSETS[3] };
+    let mut tally = Tally::default();
+    for method in [Method::Inverse, Method::Quadtree] {
+        assert_unshadowed(&mut CpuBackend::new(), &planes, method, 1, (64, 48), 1, &mut tally);
+    }
+}
+
 /// Solids whose faces meet at right angles, at any, and hardly; flat, rough and spiky; at scales and places that go
 /// round.
 fn solids() -> [(&'static str, Solid); 4] {

@@ -166,6 +166,7 @@ fn assert_closed_under(
             }
         }
     }
+    cases.finish();
     assert!(total >= rays, "{total} rays");
 }
 

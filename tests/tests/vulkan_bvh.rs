@@ -46,6 +46,7 @@ fn large_trees_are_those_of_the_processor_before_and_after_a_refit() {
                 "the same tree"
             });
         }
+        cases.finish();
     });
 }
 

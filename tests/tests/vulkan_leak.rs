@@ -101,6 +101,7 @@ fn assert_closed(backend: &mut VulkanBackend, scenes: &[LeakScene], rays: usize,
             format!("{count} rays, none leaks")
         });
     }
+    cases.finish();
 }
 
 #[test]

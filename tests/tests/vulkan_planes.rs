@@ -51,6 +51,7 @@ fn planes_are_unshadowed(backend: &mut VulkanBackend) {
             format!("{} shadow rays, none hits", tally.shadow_rays)
         });
     }
+    runs.finish();
 }
 
 #[test]
@@ -91,6 +92,7 @@ fn closed_rooms_are_dark_on_a_device() {
                 }
             }
         }
+        runs.finish();
     });
 }
 

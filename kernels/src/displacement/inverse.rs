@@ -28,6 +28,7 @@ use crate::hit::Hit;
 use crate::interface::normals;
 use crate::math::{cross, dot, max_abs, sqrt, unit};
 use crate::ray::TraversalRay;
+use crate::triangle::is_left;
 use glam::Vec3;
 
 /// Most iterations of Newton's method for a point. It begins one step away, at most a diameter of the prism / N; from
@@ -119,7 +120,8 @@ pub fn intersect(
             going = !found;
         }
     }
-    if found && t >= 0.0 && t <= ray.t_max {
+    let is_left = ray.left_reach >= 0.0 && touches_left(field, base, ray, place.at, t);
+    if found && t >= 0.0 && t <= ray.t_max && !is_left {
         nearest.nearer(Hit { t, primitive: base.primitive, b1: place.at.x, b2: place.at.y, ..Hit::NONE })
     } else {
         nearest
@@ -210,6 +212,14 @@ fn solve(field: &HeightField<'_>, base: &BaseTriangle, point: Vec3, from: Vec3) 
         above = height - field.height(&base.map, base.uv(w), base.pixel(field, w));
     }
     Place { at, above }
+}
+
+/// Whether the surface that is met at coordinates `at` and distance `t` lies in the plane which the ray leaves, by the
+/// rule of [`triangle`](crate::triangle) for the plane that touches it there.
+#[inline]
+fn touches_left(field: &HeightField<'_>, base: &BaseTriangle, ray: &TraversalRay, at: Vec3, t: f32) -> bool {
+    let [a, b, c] = base.tangent_triangle(field, Vec3::new(1.0 - at.x - at.y, at.x, at.y));
+    is_left(ray, ray.shear_point(a), ray.shear_point(b), ray.shear_point(c), t)
 }
 
 /// Whether the triangle may lie between two points, given by barycentric coordinates 1 and 2: unless both are beyond
