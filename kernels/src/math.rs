@@ -19,13 +19,17 @@ pub const fn gamma(n: u32) -> f32 {
 /// `a * b + c`, rounded once where the device fuses. On SPIR-V the explicit `Fma` instruction, which Vulkan allows to
 /// be computed as a product and a sum (lavapipe does); a device does the one or the other throughout, which `emboss
 /// devices --check` measures. No other product and sum are ever fused: the build decorates them with `NoContraction`.
-/// On the CPU the product is exact in `f64` and the sum is rounded to `f64`, then to `f32`, which needs no FMA unit and
-/// differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
+/// On a CPU without an FMA unit, for all that the build knows, the product is exact in `f64` and the sum is rounded to
+/// `f64`, then to `f32`, which differs from a fused operation only where the `f64` sum lies on a tie of `f32`.
 #[inline]
 pub fn fma(a: f32, b: f32, c: f32) -> f32 {
-    #[cfg(not(target_arch = "spirv"))]
+    #[cfg(all(not(target_arch = "spirv"), not(target_feature = "fma")))]
     {
         (f64::from(a) * f64::from(b) + f64::from(c)) as f32
+    }
+    #[cfg(all(not(target_arch = "spirv"), target_feature = "fma"))]
+    {
+        a.mul_add(b, c)
     }
     #[cfg(target_arch = "spirv")]
     {
@@ -68,11 +72,11 @@ pub fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
 /// `a * b + c` per component, `b` and `c` scalars, rounded once or twice: for bounds that have room for both.
 #[inline]
 pub fn mul_add4(a: Vec4, b: f32, c: f32) -> Vec4 {
-    #[cfg(not(target_arch = "spirv"))]
+    #[cfg(all(not(target_arch = "spirv"), not(target_feature = "fma")))]
     {
         a * b + c
     }
-    #[cfg(target_arch = "spirv")]
+    #[cfg(any(target_arch = "spirv", target_feature = "fma"))]
     {
         Vec4::new(fma(a.x, b, c), fma(a.y, b, c), fma(a.z, b, c), fma(a.w, b, c))
     }
@@ -164,6 +168,18 @@ impl Sum {
 #[inline]
 pub fn sqrt(x: f32) -> f32 {
     x.sqrt()
+}
+
+/// The length of a vector whose squared components are normal numbers.
+#[inline]
+pub fn length(v: Vec3) -> f32 {
+    sqrt(v.dot(v))
+}
+
+/// A vector of such a [`length`] as a unit vector; NaN where that is 0.
+#[inline]
+pub fn normalized(v: Vec3) -> Vec3 {
+    v * (1.0 / length(v))
 }
 
 /// Binary logarithm of a positive `x`.
@@ -365,7 +381,7 @@ pub fn to_size(v: Vec3) -> (Vec3, i32) {
 /// `v` as a unit vector, whatever its length: brought [to size](to_size) first. NaN where `v` is zero or not finite.
 #[inline]
 pub fn unit(v: Vec3) -> Vec3 {
-    to_size(v).0.normalize()
+    normalized(to_size(v).0)
 }
 
 /// Sum of absolute components.

@@ -3,6 +3,7 @@
 
 mod debian;
 mod methods;
+mod peers;
 mod pictures;
 mod process;
 mod spirv;
@@ -49,6 +50,8 @@ enum Command {
     Pictures,
     /// Measure every method on the built-in scenes, and write docs/METHODS.md from that
     Methods(methods::Measuring),
+    /// Measure Emboss beside Embree or OptiX on the same micro-triangles and rays, and print a table
+    Peers(peers::Measuring),
     /// A part of `spirv` that needs its own environment
     #[command(hide = true)]
     CompileKernels(spirv::Compilation),
@@ -74,6 +77,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Test { steps } => test::run(&steps),
         Command::Pictures => pictures::render(),
         Command::Methods(measuring) => methods::write(&measuring),
+        Command::Peers(measuring) => peers::measure(&measuring),
         Command::CompileKernels(compilation) => spirv::compile(compilation),
     }
 }

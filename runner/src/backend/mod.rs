@@ -505,7 +505,7 @@ pub struct BuildReport {
 }
 
 /// The code of a kernel's pipeline as a driver gets it: SPIR-V that is specialised for the features of a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PipelineCode {
     /// The kernel.
     pub kernel: &'static str,
@@ -515,6 +515,18 @@ pub struct PipelineCode {
     pub bytes: u64,
     /// The module before it was specialised, with the code for all features.
     pub bytes_of_all: u64,
+    /// What the driver says of the code that it made of it, registers for example; empty where it says nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub statistics: Vec<PipelineStatistic>,
+}
+
+/// A driver's statistic of a pipeline.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PipelineStatistic {
+    /// The driver's name for it.
+    pub name: String,
+    /// Its value; 0 or 1 where it is true or not.
+    pub value: f64,
 }
 
 /// Totals of the work counters, in the order of [`counter`].

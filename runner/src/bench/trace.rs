@@ -1,6 +1,6 @@
 //! What tracing costs: the time of a steady sample by the device's own clock, the first one apart, and memory.
 
-use crate::backend::{Backend, BackendError};
+use crate::backend::{Backend, BackendError, PipelineCode};
 use crate::render::{Job, RenderError, Scene, load, prepare};
 use crate::settings::{Bounds, Method, Settings, Subdivisions};
 use crate::stats::Bytes;
@@ -45,6 +45,8 @@ pub struct Measurement {
     pub sub_triangles: f64,
     /// Micro-triangles, or base triangles.
     pub triangles: f64,
+    /// The pipelines that were made for it; none on the CPU.
+    pub pipelines: Vec<PipelineCode>,
 }
 
 /// Measures a scene. `time`: how long each of the three stages is measured, behind a warm-up. `progress` is asked
@@ -63,6 +65,7 @@ pub fn measure(
     let mut job = prepare(scene.clone(), settings)?;
     load(backend, &mut job)?;
     let load_time = start.elapsed().saturating_sub(backend.compile_time().saturating_sub(compiled));
+    let pipelines = backend.pipelines();
     let mut ended = false;
     let mut is_ended = || {
         ended = ended || progress().is_break();
@@ -95,6 +98,7 @@ pub fn measure(
         boxes: per_ray(counter::BOXES),
         sub_triangles: per_ray(counter::SUB_TRIANGLES),
         triangles: per_ray(counter::TRIANGLES),
+        pipelines,
     }))
 }
 

@@ -4,7 +4,7 @@ use super::arguments::RenderArgs;
 use super::error::{cannot_write, first_error};
 use super::interrupt::Interrupt;
 use super::{CliError, description, say, values};
-use crate::backend::Backend;
+use crate::backend::{Backend, PipelineCode};
 use crate::bench::trace;
 use crate::render::Scene;
 use crate::settings::{Bounds, Method, Settings, Subdivisions};
@@ -129,10 +129,25 @@ impl TraceArgs {
                         row.sub_triangles,
                         row.triangles
                     ));
+                    say_pipelines(&row.pipelines);
                     all.push(row);
                 }
             }
         }
         Ok(())
+    }
+}
+
+/// What the driver says of the pipeline that traces, if anything.
+fn say_pipelines(pipelines: &[PipelineCode]) {
+    for code in pipelines.iter().filter(|code| code.kernel == "render" && !code.statistics.is_empty()) {
+        let told: Vec<String> =
+            code.statistics.iter().map(|one| format!("{} {}", one.name, one.value)).collect();
+        say(format_args!(
+            "  {}: {} instructions of SPIR-V; {}",
+            code.kernel,
+            code.instructions,
+            told.join(", ")
+        ));
     }
 }

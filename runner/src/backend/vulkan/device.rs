@@ -23,6 +23,8 @@ pub(super) struct Device {
     /// Of what is submitted: the thread that renders and the one that shows pictures share the queue.
     turns: Turns,
     physical: PhysicalDevice,
+    /// Where the device tells what its driver makes of pipelines.
+    executable_properties: Option<ash::khr::pipeline_executable_properties::Device>,
 }
 
 /// Destroys the device when dropped.
@@ -58,8 +60,12 @@ impl Device {
             bytes: 0,
             reason: error.to_string(),
         })?;
+        let executable_properties = physical.tells_of_pipelines.then(|| {
+            ash::khr::pipeline_executable_properties::Device::new(handle.instance.raw(), &handle.raw)
+        });
         let turns = Turns::default();
-        Ok(Arc::new(Device { allocator: Mutex::new(allocator), handle, queue, turns, physical }))
+        let allocator = Mutex::new(allocator);
+        Ok(Arc::new(Device { allocator, handle, queue, turns, physical, executable_properties }))
     }
 
     pub(super) fn raw(&self) -> &ash::Device {
@@ -85,6 +91,10 @@ impl Device {
 
     pub(super) fn physical(&self) -> &PhysicalDevice {
         &self.physical
+    }
+
+    pub(super) fn executable_properties(&self) -> Option<&ash::khr::pipeline_executable_properties::Device> {
+        self.executable_properties.as_ref()
     }
 
     pub(super) fn queue_family(&self) -> u32 {
@@ -121,11 +131,18 @@ fn open(instance: Arc<Instance>, physical: &PhysicalDevice) -> Result<DeviceHand
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
         .vulkan_memory_model(true)
         .vulkan_memory_model_device_scope(true);
-    let swapchain = [ash::khr::swapchain::NAME.as_ptr()];
-    let info = vk::DeviceCreateInfo::default()
-        .queue_create_infos(&queues)
-        .enabled_extension_names(if physical.presents { &swapchain } else { &[] })
-        .push_next(&mut features12);
+    let mut executables =
+        vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
+    let mut extensions = Vec::new();
+    if physical.presents {
+        extensions.push(ash::khr::swapchain::NAME.as_ptr());
+    }
+    let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features12);
+    if physical.tells_of_pipelines {
+        extensions.push(ash::khr::pipeline_executable_properties::NAME.as_ptr());
+        info = info.push_next(&mut executables);
+    }
+    let info = info.enabled_extension_names(&extensions);
     // SAFETY: the physical device is of this instance and has the features and the queue; the handle destroys it.
     let raw = unsafe { instance.raw().create_device(physical.raw, &info, None) }
         .map_err(|source| BackendError::Vulkan { what: "opening the device", source })?;

@@ -31,6 +31,7 @@ mod resident;
 mod scan;
 mod sort;
 pub mod specialize;
+mod statistics;
 mod surface;
 mod swapchain;
 mod tiles;

@@ -21,6 +21,8 @@ pub(super) struct PhysicalDevice {
     pub(super) queue_family: u32,
     /// Whether it was examined for a window, and the queue presents to it and swapchains can be made.
     pub(super) presents: bool,
+    /// Whether it tells what its driver makes of a pipeline.
+    pub(super) tells_of_pipelines: bool,
 }
 
 /// What a device allows.
@@ -157,14 +159,27 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface
             timestamp_bits: queue.timestamp_bits,
         },
         queue_family: queue.family,
-        presents: queue.presents && has_swapchains(instance, raw),
+        presents: queue.presents && offers(instance, raw, ash::khr::swapchain::NAME),
+        tells_of_pipelines: tells_of_pipelines(instance, raw),
     })
 }
 
-fn has_swapchains(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+/// Whether the device has an extension.
+fn offers(instance: &Instance, raw: vk::PhysicalDevice, extension: &CStr) -> bool {
     // SAFETY: `raw` comes from this instance.
     let offered = unsafe { instance.raw().enumerate_device_extension_properties(raw) }.unwrap_or_default();
-    offered.iter().any(|one| one.extension_name_as_c_str() == Ok(ash::khr::swapchain::NAME))
+    offered.iter().any(|one| one.extension_name_as_c_str() == Ok(extension))
+}
+
+fn tells_of_pipelines(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+    if !offers(instance, raw, ash::khr::pipeline_executable_properties::NAME) {
+        return false;
+    }
+    let mut executables = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut executables);
+    // SAFETY: `raw` comes from this instance, which is of Vulkan 1.2, and the device has the extension.
+    unsafe { instance.raw().get_physical_device_features2(raw, &mut features) };
+    executables.pipeline_executable_info == vk::TRUE
 }
 
 fn api_version(instance: &Instance, raw: vk::PhysicalDevice) -> u32 {

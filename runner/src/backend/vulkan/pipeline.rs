@@ -3,7 +3,8 @@
 use super::buffer::Buffer;
 use super::device::{Device, Owned};
 use super::specialize::{instructions, let_contract, specialize};
-use crate::backend::{BackendError, PipelineCode};
+use super::statistics;
+use crate::backend::{BackendError, PipelineCode, PipelineStatistic};
 use ash::vk;
 use emboss_kernels::interface::{Batch, BuildStep, PyramidPart, SortPass, Tiles, binding, spec};
 use emboss_kernels::scene::Features;
@@ -260,12 +261,13 @@ impl Kernel {
     }
 
     /// What is to be said of its module, specialised.
-    fn code(self, words: &[u32]) -> PipelineCode {
+    fn code(self, words: &[u32], statistics: Vec<PipelineStatistic>) -> PipelineCode {
         let code = PipelineCode {
             kernel: self.entry_point(),
             instructions: instructions(words),
             bytes: size_of_val(words) as u64,
             bytes_of_all: self.module().len() as u64,
+            statistics,
         };
         tracing::debug!(
             "{}: {} of {} bytes of SPIR-V are left for these features, {} instructions",
@@ -384,7 +386,7 @@ impl Pipeline {
         let raw = compile(&layout, kernel, &words)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
-        let code = kernel.code(&words);
+        let code = kernel.code(&words, statistics::of_pipeline(device, raw.raw()));
         Ok(Pipeline { kernel, code, raw, layout, set, _pool: pool, _set_layout: set_layout })
     }
 
@@ -416,7 +418,7 @@ impl Pipeline {
 
     /// What it runs.
     pub(super) fn code(&self) -> PipelineCode {
-        self.code
+        self.code.clone()
     }
 
     pub(super) fn raw(&self) -> vk::Pipeline {
@@ -479,7 +481,10 @@ fn compile(
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
         .name(&name);
-    let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage);
+    let info = vk::ComputePipelineCreateInfo::default()
+        .layout(layout.raw())
+        .stage(stage)
+        .flags(statistics::flags(device));
     // SAFETY: module and layout are of this device, and `info` lives through the call.
     let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
     // One pipeline was asked for: an error brings a single null handle, which needs no destruction.
