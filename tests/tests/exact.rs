@@ -22,7 +22,7 @@ fn court(backend: &mut CpuBackend) -> Court<'_> {
 
 /// Rays of a grid case: 10^6 with `EMBOSS_RAYS=1000000`, of which there is time for some otherwise.
 fn grid_rays(_: u32) -> usize {
-    rays(400_000, 100_000_000)
+    rays(200_000, 100_000_000)
 }
 
 #[test]

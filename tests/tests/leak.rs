@@ -101,7 +101,7 @@ const SHARES: [usize; 7] = [350, 230, 248, 150, 20, 1, 1];
 
 /// Rays of a solid.
 fn rays_a_solid() -> usize {
-    long::rays(1_000_000, 200_000_000)
+    long::rays(500_000, 200_000_000)
 }
 
 /// Micro-triangles that the rays of a scene may be tested against at the greatest distance from the origin, for each

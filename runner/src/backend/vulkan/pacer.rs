@@ -31,7 +31,7 @@ const FIRST_ITEMS_OF_WINDOW: f64 = 256.0;
 /// Fewest items of a submission, a workgroup's worth.
 const FEWEST_ITEMS: u32 = 64;
 /// Largest growth from one submission to the next.
-const MOST_GROWTH: f64 = 8.0;
+const MOST_GROWTH: f64 = 64.0;
 /// Largest shrinkage: one submission may be long by chance, or because it is the first one of all, which pays for what
 /// drivers put off until then (code generation, clocks).
 const MOST_SHRINKAGE: f64 = 4.0;
