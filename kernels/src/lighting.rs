@@ -298,4 +298,18 @@ mod tests {
         assert_eq!(softened_cosine(0.1, 0.5, -0.2), 0.5);
         assert!(softened_cosine(0.1, -0.5, 0.9) <= 0.0);
     }
+
+    /// Light from behind a facet that is lifted is the smooth surface's; behind a base that is hollow there is none.
+    #[test]
+    fn light_from_behind_a_facet_needs_a_lift() {
+        let features = Features { smooth: 1, ..crate::test_scene::FLAT };
+        let (wi, ns) = (Vec3::new(0.96, 0.0, -0.28), Vec3::new(0.6, 0.0, 0.8));
+        let cosine = |lift| {
+            let base = SmoothBase { ng: Vec3::Z, ns, lift };
+            DirectLighting { ng: Vec3::Z, ns, base, ..DirectLighting::unlit(Vec3::ONE) }.cosine(features, wi)
+        };
+        assert_eq!(cosine(Vec3::ZERO), 0.0, "behind a hollow base");
+        // Lambert's cosine at the smooth normal: 0.96 0.6 - 0.28 0.8.
+        assert!((cosine(Vec3::Z) - 0.352).abs() < 1e-6);
+    }
 }

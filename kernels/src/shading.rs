@@ -557,4 +557,11 @@ mod tests {
         let steps = sample(&scene, Features { shade: shade::STEPS, ..FLAT }).radiance;
         assert_eq!(steps, Vec3::X, "two triangles tested of two: red");
     }
+
+    /// A triangle that is smaller than what a ray's start is moved by: to its middle and no farther.
+    #[test]
+    fn inner_point_of_a_tiny_triangle_is_its_middle() {
+        let tiny = moved_inwards(Vec3::X, 1.0, 1e-3, 1e-6);
+        assert!(tiny.distance(Vec3::splat(1.0 / 3.0)) < 1e-6, "{tiny}");
+    }
 }

@@ -173,4 +173,40 @@ mod tests {
         assert!((base.raised(wi) - (smooth - 0.36) / smooth).abs() < 1e-6);
         assert_eq!(SmoothBase { lift: Vec3::ZERO, ..base }.raised(Vec3::X), 0.0);
     }
+
+    /// Light from behind the flat base alone asks for the whole lift, light from behind both for the rest of it.
+    #[test]
+    fn light_asks_for_no_more_than_the_lift() {
+        let base = SmoothBase { ng: Vec3::Z, ns: Vec3::new(0.6, 0.0, 0.8), lift: Vec3::Z };
+        assert_eq!(base.raised(Vec3::new(0.96, 0.0, -0.28)), 1.0);
+        assert!((base.raised(-Vec3::Z) - 0.25).abs() < 1e-6, "1 and 0.8 deep");
+    }
+
+    #[test]
+    fn turning_and_placing_keep_the_lift_where_it_leads() {
+        let base = SmoothBase { ng: Vec3::Z, ns: Vec3::new(0.6, 0.0, 0.8), lift: Vec3::Z };
+        let behind = base.turned(true);
+        assert_eq!((behind.ng, behind.ns, behind.lift), (-base.ng, -base.ns, base.lift));
+        assert_eq!(base.turned(false).ng, base.ng);
+        let placed = base.placed(&Instance {
+            world_from_object: [[2.0, 0.0, 0.0, 5.0], [0.0, 2.0, 0.0, 6.0], [0.0, 0.0, 2.0, 7.0]],
+            object_from_world: [[0.5, 0.0, 0.0, -2.5], [0.0, 0.5, 0.0, -3.0], [0.0, 0.0, 0.5, -3.5]],
+            ..Instance::default()
+        });
+        assert_eq!((placed.ng, placed.lift), (Vec3::Z, Vec3::Z * 2.0));
+    }
+
+    #[test]
+    fn lift_is_none_where_a_normal_is_on_the_other_side() {
+        let mut opposite = bulging(0.5);
+        opposite.n1 = -opposite.n1;
+        assert_eq!(SmoothBase::new(&opposite, W, Vec3::X, true).lift, Vec3::ZERO);
+    }
+
+    #[test]
+    fn base_is_the_same_whichever_way_a_triangle_is_stored() {
+        let scene = TestScene::squares(&[0.0]).flipped();
+        let flipped = SmoothBase::new(&BaseTriangle::load(&scene.view(), 0), W, Vec3::X, false);
+        assert_eq!((flipped.ng, flipped.ns), (Vec3::Z, Vec3::Z));
+    }
 }

@@ -9,9 +9,9 @@ use emboss::scene::{HeightMap, Mesh, Relief};
 use emboss::settings::{DisplacementKind, Method, Normals, Settings, Weld, Wrap};
 use emboss_kernels::bvh::traverse::{Query, traverse};
 use emboss_kernels::counters::Counts;
-use emboss_kernels::interface::{Intersection, MISS, Ray, height_format, method};
+use emboss_kernels::interface::{BvhNode, Intersection, MISS, Ray, height_format, method};
 use emboss_kernels::ray::TraversalRay;
-use emboss_kernels::scene::Features;
+use emboss_kernels::scene::{Features, SceneView};
 use emboss_tests::compare::rendered;
 use emboss_tests::meshes::{self, Solid};
 use emboss_tests::oracle::Oracle;
@@ -355,7 +355,31 @@ fn closed_rooms_are_dark() {
     assert!(tally.shadow_rays > 100_000, "{tally:?}");
 }
 
-/// Of faces with the same corners, however these are ordered, the first is seen: by every exact method, from both sides
+/// A job's trees with the children of each node, and what its leaves hold, the other way round.
+fn turned_tree(job: &ReadyJob) -> (Vec<BvhNode>, Vec<u32>) {
+    let view = job.view();
+    let (mut nodes, mut primitives) = (view.nodes.to_vec(), view.primitives.to_vec());
+    let mut roots = vec![0];
+    if job.features.instances != 0 {
+        roots.extend(view.instances.iter().map(|instance| instance.first_node as usize));
+    }
+    roots.dedup();
+    for (i, &root) in roots.iter().enumerate() {
+        let end = roots.get(i + 1).copied().unwrap_or(nodes.len());
+        let inner = view.nodes[root..end].iter().filter(|node| node.count == 0);
+        for first in inner.map(|node| root + node.first as usize) {
+            nodes.swap(first, first + 1);
+        }
+    }
+    if job.features.instances == 0 {
+        for node in view.nodes.iter().filter(|node| node.count > 1) {
+            primitives[node.first as usize..][..node.count as usize].reverse();
+        }
+    }
+    (nodes, primitives)
+}
+
+/// Of faces with the same corners, listed from the same one, the first is seen: by every exact method, from both sides
 /// and with every tree, since their distances are the same to the bit.
 #[test]
 fn first_of_coincident_faces_is_seen() {
@@ -372,6 +396,14 @@ fn first_of_coincident_faces_is_seen() {
                 assert!(hits.clone().count() > 30, "{planes:?}");
                 let others = hits.filter(|hit| hit.primitive >= 2 || hit.instance > 0).count();
                 assert_eq!(others, 0, "{planes:?} by {method}");
+                let (nodes, primitives) = turned_tree(&job);
+                let view = SceneView { nodes: &nodes, primitives: &primitives, ..job.view() };
+                for (ray, hit) in rays.iter().zip(&found) {
+                    let (ray, _) = TraversalRay::from_ray(*ray);
+                    let other = traverse(&view, job.features, &ray, Query::Nearest, &mut Counts::default());
+                    let what = format!("{planes:?} by {method}, its tree turned");
+                    assert_eq!((other.primitive, other.instance), (hit.primitive, hit.instance), "{what}");
+                }
             }
         }
     }

@@ -118,6 +118,16 @@ fn models_of_a_scene_may_stand_far_from_each_other() {
     // Near models share their mesh.
     let near = assembled(&[(&a, vec![]), (&b.moved(at(64.0)), vec![])], Wrap::Repeat, 16);
     assert!(near.parts.is_empty() && near.mesh.starts.len() == 1);
+    // Farther than digits go, though no triangle vanishes.
+    let middling = at(8e4);
+    let apart = assembled(&[(&a, vec![]), (&b.moved(middling), vec![])], Wrap::Repeat, 16);
+    // Each has its own relief, wherever its mesh was moved to.
+    for (scene, place) in [(&near, at(64.0)), (&apart, middling)] {
+        for (model, place) in [(&a, at(0.0)), (&b, place)] {
+            let (expected, found) = (alone(model), on_cpu(scene.clone(), &model.settings(place, 1.0)));
+            assert!(differing_much(&expected.0, &found.0) * 50 <= expected.0.pixels.len());
+        }
+    }
 }
 
 /// How many pixels differ by more than a step of 8 bits.
@@ -190,6 +200,9 @@ fn whole_tiles_change_nothing() {
             assert_eq!((differing(&here.0, &there.0), here.1), (0, there.1), "{wrap:?} {tiles}");
         }
     }
+    // Mirrored maps tell odd tiles from even ones.
+    let [one, odd] = [1.0, 5.0].map(|tiles| seen_with(tiles, Wrap::Mirror).0);
+    assert!(differing_much(&one, &odd) * 50 <= one.pixels.len());
     let [border, inside] = [4.0, 0.0].map(|tiles| seen_with(tiles, Wrap::Clamp).0);
     assert_eq!(differing(&border, &seen_with(4e8, Wrap::Clamp).0), 0);
     assert!(differing(&border, &inside) > border.pixels.len() / 4);

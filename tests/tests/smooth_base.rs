@@ -231,18 +231,28 @@ fn traced(job: &ReadyJob, ray: TraversalRay) -> Hit {
 fn light_ends_where_the_smooth_base_turns_away() {
     let mut numbers = Numbers::new(62);
     let (mut lit, mut dark, mut behind) = (0, 0, 0);
-    for (levels, method) in [
-        (0, Method::None),
-        (1, Method::None),
-        (1, Method::Quadtree),
-        (1, Method::Bump),
-        (2, Method::Tessellate),
+    for (levels, method, inside_out) in [
+        (0, Method::None, false),
+        (1, Method::None, false),
+        (1, Method::Quadtree, false),
+        (1, Method::Bump, false),
+        (2, Method::Tessellate, false),
+        (1, Method::None, true),
+        (1, Method::Quadtree, true),
     ] {
         let light = Light { position: DVec3::X, color: Vec3::ONE, intensity: Some(1.0) };
         let settings =
             Settings { method, lights: vec![light], smooth: true, ambient: 0.0, ..Settings::default() };
         let mut scene = sphere(levels, 0.0);
         scene.subdivisions = 4;
+        if inside_out {
+            scene.mesh.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.normal);
+            scene
+                .mesh
+                .triangles
+                .iter_mut()
+                .for_each(|triangle| triangle.flags ^= emboss_kernels::interface::FLIPPED);
+        }
         let mut ready = job(scene, &settings);
         let albedo = f64::from(Material::default().albedo.x);
         for _ in 0..3000 {
@@ -269,7 +279,8 @@ fn light_ends_where_the_smooth_base_turns_away() {
             );
             lit += u32::from(cosine > 0.0);
             dark += u32::from(cosine <= 0.0);
-            behind += u32::from(cosine > 1e-3 && surface.ng.as_dvec3().dot(to_light) < -1e-3);
+            let side = if inside_out { -1.0 } else { 1.0 };
+            behind += u32::from(cosine > 1e-3 && side * surface.ng.as_dvec3().dot(to_light) < -1e-3);
         }
     }
     say(format_args!("{lit} lit, {behind} of them from behind the facet, {dark} dark"));

@@ -123,6 +123,8 @@ fn rays_of_extreme_directions_hit_what_is_there() {
     on_device(|backend| {
         let count = rays(400, 20_000);
         let (mut all, mut hits) = (0, 0);
+        // Directions have six lengths in turn.
+        let mut by_length = [0_usize; 6];
         let formats =
             [height_format::UNORM8, height_format::UNORM16, height_format::FLOAT32, height_format::UNORM8];
         for (seed, (format, subdivisions)) in (0..).zip(formats.into_iter().zip([1, 3, 8, 5])) {
@@ -155,6 +157,9 @@ fn rays_of_extreme_directions_hit_what_is_there() {
                     [hit.primitive, hit.cell, hit.t.to_bits(), hit.b1.to_bits(), hit.b2.to_bits()]
                 }
             };
+            for (i, hit) in found.iter().enumerate() {
+                by_length[i % 6] += usize::from(hit.primitive != MISS);
+            }
             for ((ray, exact), found) in batch.iter().zip(&exact).zip(&found) {
                 assert_eq!(bits(exact), bits(found), "seed {seed}: {ray:?}");
                 all += 1;
@@ -167,5 +172,6 @@ fn rays_of_extreme_directions_hit_what_is_there() {
             }
         }
         assert!(5 * hits > all, "{hits} hits of {all} rays");
+        assert!(by_length.iter().all(|&hits| 16 * hits > all), "{by_length:?} of {all}");
     });
 }

@@ -168,4 +168,15 @@ mod tests {
         assert_eq!(u64::from(layout.micro_vertex(6, 0, 64)) + 1, u64::from(layout.border(0, 0, 0)));
         assert_eq!(u64::from(layout.border(2, 0, 0)), layout.floats(2, features));
     }
+
+    #[test]
+    fn floats_are_those_of_what_is_stored() {
+        let layout = Layout::new(7, 64);
+        let features = Features { bounds: bounds::ALL, seams: 1, ..Features::default() };
+        let vertices = 7 * u64::from(tessellate::vertices_of(64));
+        let vectors = Features { displacement: displacement_kind::TANGENT, ..features };
+        assert_eq!(layout.floats(2, vectors), 3 * vertices);
+        assert_eq!(layout.floats(2, Features { seams: 0, ..features }), vertices);
+        assert_eq!(layout.floats(2, Features { bounds: bounds::BOXES, ..features }), 0);
+    }
 }

@@ -108,15 +108,21 @@ impl Mesh {
             ..*vertex
         };
         let vertices: Vec<Vertex> = self.vertices.iter().map(transformed).collect();
-        let triangles = self.triangles.iter().map(|triangle| {
+        let triangles = self.triangles.iter().enumerate().map(|(i, triangle)| {
             let [a, b, c] = triangle.vertices;
             let flipped = (triangle.flags & FLIPPED != 0) != mirrored;
-            (if flipped { [a, c, b] } else { [a, b, c] }, triangle.material())
+            // By its number, which is put right below: some may be dropped.
+            (if flipped { [a, c, b] } else { [a, b, c] }, index(i))
         });
         if !vertices.iter().all(|vertex| vertex.position.is_finite()) {
             return None;
         }
-        let mesh = Self::with_tiles(&vertices, &self.tiles, triangles);
+        let mut mesh = Self::with_tiles(&vertices, &self.tiles, triangles);
+        for triangle in &mut mesh.triangles {
+            let of = self.triangles[triangle.material() as usize];
+            *triangle = triangle.with_material(of.material());
+            triangle.displacement = of.displacement;
+        }
         let (dropped, collapsed) = (self.dropped, mesh.dropped + self.collapsed);
         (!mesh.triangles.is_empty()).then_some(Self { dropped, collapsed, space, ..mesh })
     }
