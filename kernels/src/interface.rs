@@ -4,7 +4,6 @@
 //! are those of `repr(C)` with 4-byte alignment throughout (glam's `Vec3` is 12 bytes, aligned to 4), which is
 //! also what rust-gpu decorates; `tests/tests/layout.rs` compares both with the compiled module.
 
-use crate::math::length;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -670,7 +669,7 @@ impl Frame {
     /// Side of a pixel at distance 1.
     #[inline]
     pub fn pixel_side(&self) -> f32 {
-        2.0 * length(self.camera.up) / self.height as f32
+        2.0 * self.camera.up.length() / self.height as f32
     }
 }
 

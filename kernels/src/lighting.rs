@@ -3,7 +3,7 @@
 use crate::counters::Counts;
 use crate::hit::Hit;
 use crate::interface::{Frame, PointLight, method, shade};
-use crate::math::{at, dot, gamma, length, max_abs, sqrt, unit};
+use crate::math::{at, dot, gamma, max_abs, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::scene::{Features, SceneView};
@@ -257,7 +257,7 @@ impl DirectLighting {
 #[inline]
 fn ray_between(start: Vec3, end: Vec3, slack: f32) -> TraversalRay {
     let toward = end - start;
-    let distance = length(toward);
+    let distance = toward.length();
     TraversalRay::new(start, toward / distance, distance + slack)
 }
 

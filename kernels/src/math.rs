@@ -170,18 +170,6 @@ pub fn sqrt(x: f32) -> f32 {
     x.sqrt()
 }
 
-/// The length of a vector whose squared components are normal numbers.
-#[inline]
-pub fn length(v: Vec3) -> f32 {
-    sqrt(v.dot(v))
-}
-
-/// A vector of such a [`length`] as a unit vector; NaN where that is 0.
-#[inline]
-pub fn normalized(v: Vec3) -> Vec3 {
-    v * (1.0 / length(v))
-}
-
 /// Binary logarithm of a positive `x`.
 #[inline]
 pub fn log2(x: f32) -> f32 {
@@ -381,7 +369,7 @@ pub fn to_size(v: Vec3) -> (Vec3, i32) {
 /// `v` as a unit vector, whatever its length: brought [to size](to_size) first. NaN where `v` is zero or not finite.
 #[inline]
 pub fn unit(v: Vec3) -> Vec3 {
-    normalized(to_size(v).0)
+    to_size(v).0.normalize()
 }
 
 /// Sum of absolute components.

@@ -2,7 +2,7 @@
 
 use crate::hit::Hit;
 use crate::interface::{MISS, Ray};
-use crate::math::{fma, length, max_abs, times_power_of_two, to_size};
+use crate::math::{fma, max_abs, times_power_of_two, to_size};
 use glam::Vec3;
 
 /// A ray with what the box and triangle tests need computed once. Its direction is a unit vector, so that `t` is a
@@ -98,7 +98,7 @@ impl TraversalRay {
     #[inline]
     pub fn from_ray(ray: Ray) -> (Self, Stretch) {
         let (scaled, exponent) = to_size(ray.direction);
-        let stretch = Stretch { length: length(scaled), exponent };
+        let stretch = Stretch { length: scaled.length(), exponent };
         (Self::new(ray.origin, scaled / stretch.length, stretch.distance(ray.t_max)), stretch)
     }
 

@@ -8,9 +8,7 @@ use crate::film::Sample;
 use crate::hit::Hit;
 use crate::interface::{Instance, Material, color_format, filter, method, shade, wrap};
 use crate::lighting::DirectLighting;
-use crate::math::{
-    MinMax, at, clamp, cross, dot, floor, gamma, length, max_abs, next_down, next_up, sqrt, unit,
-};
+use crate::math::{MinMax, at, clamp, cross, dot, gamma, max_abs, next_down, next_up, sqrt, unit};
 use crate::ray::TraversalRay;
 use crate::relief;
 use crate::sampler::pcg4d;
@@ -221,7 +219,7 @@ fn moved_inwards(b: Vec3, offset: f32, longest: f32, area: f32) -> Vec3 {
 fn height(field: &HeightField<'_>, base: &BaseTriangle, w: Vec3) -> f32 {
     let (uv, pixel) = (base.uv(w), base.pixel(field, w));
     if field.is_vector() {
-        length(vector::components(field, base.displacement, uv, pixel))
+        vector::components(field, base.displacement, uv, pixel).length()
     } else {
         field.height(&base.map, uv, pixel)
     }
@@ -264,7 +262,7 @@ pub fn shade_hit(
         let share = if range > 0.0 { (surface.height - d.height_min) / range } else { 0.0 };
         DirectLighting::unlit(Vec3::splat(share))
     } else if features.shade == shade::UV {
-        let uv = surface.uv - Vec2::new(floor(surface.uv.x), floor(surface.uv.y));
+        let uv = surface.uv - surface.uv.floor();
         DirectLighting::unlit(Vec3::new(uv.x, uv.y, 0.0))
     } else {
         let albedo = albedo(scene, features, ray, hit, &surface);

@@ -120,8 +120,8 @@ pub fn intersect(
             going = !found;
         }
     }
-    let is_left = ray.left_reach >= 0.0 && touches_left(field, base, ray, place.at, t);
-    if found && t >= 0.0 && t <= ray.t_max && !is_left {
+    let counts = found && t >= 0.0 && t <= ray.t_max;
+    if counts && !(ray.left_reach >= 0.0 && touches_left(field, base, ray, place.at, t)) {
         nearest.nearer(Hit { t, primitive: base.primitive, b1: place.at.x, b2: place.at.y, ..Hit::NONE })
     } else {
         nearest
