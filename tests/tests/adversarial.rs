@@ -312,8 +312,8 @@ fn coincident_models_and_instances_cast_no_shadow_on_one_another() {
     assert_planes_are_unshadowed(&[Pair::Models, Pair::Instances, Pair::InstanceAndModel]);
 }
 
-/// So far away as the kernels are handed it that the square is sixty steps of a float wide: a surface which is found by
-/// iteration keeps to the same rule.
+/// The kernels get a square so far from their origin that it is sixty steps of a float wide. Inverse mapping, which
+/// finds its surface by iteration, keeps to the rule of the triangle test.
 #[test]
 fn instances_and_models_far_away_cast_no_shadow_on_one_another() {
     let planes =

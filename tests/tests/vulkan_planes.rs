@@ -51,7 +51,7 @@ fn planes_are_unshadowed(backend: &mut VulkanBackend) {
             format!("{} shadow rays, none hits", tally.shadow_rays)
         });
     }
-    // As on the CPU: so far away that the square is sixty steps of a float wide.
+    // As on the CPU: squares so far from the kernels' origin that they are sixty steps of a float wide.
     for method in [Method::Inverse, Method::Quadtree] {
         let planes = Planes { plane: Plane::Tilted, pair: Pair::InstanceAndModel, scale: 1e6, offset: 1e5 };
         runs.run(format!("{planes:?} by {method}"), || {

@@ -1,6 +1,6 @@
 //! `cargo xtask methods`: measures every method and writes docs/METHODS.md from the results.
 
-use crate::process::{cargo, run, say};
+use crate::process::{emboss, run, say};
 use anyhow::{Context, Result, ensure};
 use std::path::PathBuf;
 use std::process::Command;
@@ -39,28 +39,21 @@ pub(crate) struct Measuring {
 pub(crate) fn write(measuring: &Measuring) -> Result<()> {
     let Measuring { time, size, samples, others, .. } = measuring;
     let folder = |scene: &str| workspace().join(&measuring.folder).join(scene);
-    let emboss = || measuring.program.as_ref().map_or_else(built, Command::new);
+    let program = || measuring.program.as_ref().map_or_else(emboss, Command::new);
     for scene in SCENES {
         // `emboss compare` would go on from the results of an older program there.
         if folder(scene).exists() {
             std::fs::remove_dir_all(folder(scene)).with_context(|| folder(scene).display().to_string())?;
         }
         say(&format!("\n== {scene}"));
-        let mut compare = emboss();
+        let mut compare = program();
         compare.args(["compare", &format!("builtin:{scene}"), "--size", size, "--samples"]);
         compare.arg(samples.to_string()).args(others).args(["--time", &time.to_string()]);
         run(compare.arg("--output").arg(folder(scene)))?;
     }
     let folders: Vec<PathBuf> = SCENES.into_iter().map(folder).collect();
-    let page = emboss().arg("methods").args(folders).output().context("cannot start emboss")?;
+    let page = program().arg("methods").args(folders).output().context("cannot start emboss")?;
     ensure!(page.status.success(), "{}", String::from_utf8_lossy(&page.stderr));
     let file = workspace().join(&measuring.output);
     std::fs::write(&file, page.stdout).with_context(|| file.display().to_string())
-}
-
-/// The program, as users have it.
-fn built() -> Command {
-    let mut emboss = cargo();
-    emboss.args(["run", "--release", "--quiet", "--package", "emboss", "--"]);
-    emboss
 }

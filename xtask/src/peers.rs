@@ -1,6 +1,6 @@
 //! `cargo xtask peers`: measures Emboss beside another ray tracer that stores the same micro-triangles.
 
-use crate::process::{cargo, output, run, say};
+use crate::process::{cargo, emboss, output, run, say};
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 use std::fmt::Write;
@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use xtask::workspace;
 
-/// What is installed from PyPI.
-const PACKAGES: [&str; 2] = ["mitsuba==3.9.1", "numpy"];
+/// Packages from PyPI.
+const PACKAGES: [&str; 2] = ["mitsuba==3.9.1", "numpy==2.4.6"];
 /// The scenes and their N; 0 is the base mesh.
 const CASES: [(&str, &[u32]); 3] = [("cube", &[0, 16, 64]), ("quilt", &[16, 64]), ("knot", &[0, 16, 64])];
 
-/// Whom to measure beside.
+/// The other ray tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Peer {
     /// On the CPU, by Mitsuba's LLVM variant, which traces packets
@@ -25,7 +25,7 @@ enum Peer {
 /// How to measure.
 #[derive(clap::Args)]
 pub(crate) struct Measuring {
-    /// Whom to measure beside
+    /// The other ray tracer
     #[arg(value_enum)]
     peer: Peer,
     /// Pixels of the pictures
@@ -48,7 +48,7 @@ pub(crate) struct Measuring {
     exporter: Option<PathBuf>,
 }
 
-/// What `peers.py` prints.
+/// The output of `peers.py`.
 #[derive(Deserialize)]
 struct Theirs {
     triangles: u64,
@@ -61,8 +61,8 @@ struct Theirs {
     version: String,
 }
 
-/// What `emboss bench trace` writes of a method.
-#[derive(Clone, Deserialize)]
+/// A row of `emboss bench trace --json`.
+#[derive(Deserialize)]
 struct Ours {
     intersection_ms: f64,
     primary_ms: f64,
@@ -129,11 +129,11 @@ fn trace(measuring: &Measuring, scene: &str, n: u32, folder: &Path) -> Result<Ou
     let backend = if measuring.peer == Peer::Embree { "cpu" } else { "vulkan" };
     let method = if n == 0 { "none" } else { "quadtree" };
     let json = folder.join("ours.json");
-    let mut emboss = measuring.program.as_ref().map_or_else(built, Command::new);
-    emboss.args(["bench", "trace", &format!("builtin:{scene}"), "--backend", backend, "--quiet"]);
-    emboss.args(["--methods", method, "--n", &n.max(1).to_string(), "--size", &measuring.size]);
-    emboss.args(["--time", &measuring.time.to_string(), "--json"]).arg(&json);
-    output(&mut emboss)?;
+    let mut trace = measuring.program.as_ref().map_or_else(emboss, Command::new);
+    trace.args(["bench", "trace", &format!("builtin:{scene}"), "--backend", backend, "--quiet"]);
+    trace.args(["--methods", method, "--n", &n.max(1).to_string(), "--size", &measuring.size]);
+    trace.args(["--time", &measuring.time.to_string(), "--json"]).arg(&json);
+    output(&mut trace)?;
     let text = std::fs::read_to_string(&json).with_context(|| json.display().to_string())?;
     let rows: Vec<Ours> = serde_json::from_str(&text).context("emboss wrote other JSON than is expected")?;
     rows.into_iter().next().context("emboss measured nothing")
@@ -157,19 +157,13 @@ fn environment(folder: &Path) -> Result<PathBuf> {
     let python = venv.join("bin/python");
     if !python.exists() {
         run(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
-        run(Command::new(&python).args(["-m", "pip", "install", "--quiet"]).args(PACKAGES))?;
     }
+    // Each time: an installation may have been broken off. Where the packages are there already it does nothing.
+    run(Command::new(&python).args(["-m", "pip", "install", "--quiet"]).args(PACKAGES))?;
     Ok(python)
 }
 
-/// The program, as users have it.
-fn built() -> Command {
-    let mut emboss = cargo();
-    emboss.args(["run", "--release", "--quiet", "--package", "emboss", "--"]);
-    emboss
-}
-
-/// What writes the peer's input.
+/// The program that writes the peer's input.
 fn built_exporter() -> Command {
     let mut exporter = cargo();
     exporter.args([

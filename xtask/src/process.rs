@@ -22,6 +22,13 @@ pub(crate) fn cargo() -> Command {
     command
 }
 
+/// The program `emboss` as users have it, which cargo builds first.
+pub(crate) fn emboss() -> Command {
+    let mut command = cargo();
+    command.args(["run", "--release", "--quiet", "--package", "emboss", "--"]);
+    command
+}
+
 /// Runs a command whose output the user sees. An error names the command.
 pub(crate) fn run(command: &mut Command) -> Result<()> {
     let name = spelled(command);

@@ -138,7 +138,7 @@ impl TraceArgs {
     }
 }
 
-/// What the driver says of the pipeline that traces, if anything.
+/// Prints the driver's statistics of the pipeline that traces, if it has any.
 fn say_pipelines(pipelines: &[PipelineCode]) {
     for code in pipelines.iter().filter(|code| code.kernel == "render" && !code.statistics.is_empty()) {
         let told: Vec<String> =

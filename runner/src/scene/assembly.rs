@@ -388,13 +388,11 @@ fn warn_of_map(path: &Path, map: &HeightMap) {
 }
 
 /// The mesh with its triangles' own materials in the place of indices into `materials`.
-fn with_materials(mut mesh: Mesh, materials: &[MaterialId]) -> Mesh {
-    for triangle in &mut mesh.triangles {
-        let MaterialId { relief, material } = materials[triangle.material() as usize];
-        *triangle = triangle.with_material(material);
-        triangle.displacement = relief;
-    }
-    mesh
+fn with_materials(mesh: Mesh, materials: &[MaterialId]) -> Mesh {
+    mesh.with_ids(|i| {
+        let MaterialId { relief, material } = materials[i as usize];
+        (relief, material)
+    })
 }
 
 /// Farther from the middle of all meshes than so many times its size, a mesh has a place of its own: its coordinates

@@ -111,20 +111,29 @@ impl Mesh {
         let triangles = self.triangles.iter().enumerate().map(|(i, triangle)| {
             let [a, b, c] = triangle.vertices;
             let flipped = (triangle.flags & FLIPPED != 0) != mirrored;
-            // By its number, which is put right below: some may be dropped.
             (if flipped { [a, c, b] } else { [a, b, c] }, index(i))
         });
         if !vertices.iter().all(|vertex| vertex.position.is_finite()) {
             return None;
         }
-        let mut mesh = Self::with_tiles(&vertices, &self.tiles, triangles);
-        for triangle in &mut mesh.triangles {
-            let of = self.triangles[triangle.material() as usize];
-            *triangle = triangle.with_material(of.material());
-            triangle.displacement = of.displacement;
-        }
+        let mesh = Self::with_tiles(&vertices, &self.tiles, triangles).with_ids(|i| {
+            let triangle = self.triangles[i as usize];
+            (triangle.displacement, triangle.material())
+        });
         let (dropped, collapsed) = (self.dropped, mesh.dropped + self.collapsed);
         (!mesh.triangles.is_empty()).then_some(Self { dropped, collapsed, space, ..mesh })
+    }
+
+    /// The mesh with each triangle's relief and material, in this order, as `ids` gives them for the index that stands
+    /// in the place of its material.
+    #[must_use]
+    pub(super) fn with_ids(mut self, ids: impl Fn(u32) -> (u32, u32)) -> Self {
+        for triangle in &mut self.triangles {
+            let (relief, material) = ids(triangle.material());
+            *triangle = triangle.with_material(material);
+            triangle.displacement = relief;
+        }
+        self
     }
 
     /// Adds the triangles of another mesh, which do not weld with those that are there.

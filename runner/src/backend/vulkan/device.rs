@@ -23,7 +23,7 @@ pub(super) struct Device {
     /// Of what is submitted: the thread that renders and the one that shows pictures share the queue.
     turns: Turns,
     physical: PhysicalDevice,
-    /// Where the device tells what its driver makes of pipelines.
+    /// The functions for statistics of pipelines, where the device has them.
     executable_properties: Option<ash::khr::pipeline_executable_properties::Device>,
 }
 
@@ -60,7 +60,7 @@ impl Device {
             bytes: 0,
             reason: error.to_string(),
         })?;
-        let executable_properties = physical.tells_of_pipelines.then(|| {
+        let executable_properties = physical.has_pipeline_statistics.then(|| {
             ash::khr::pipeline_executable_properties::Device::new(handle.instance.raw(), &handle.raw)
         });
         let turns = Turns::default();
@@ -138,7 +138,7 @@ fn open(instance: Arc<Instance>, physical: &PhysicalDevice) -> Result<DeviceHand
         extensions.push(ash::khr::swapchain::NAME.as_ptr());
     }
     let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features12);
-    if physical.tells_of_pipelines {
+    if physical.has_pipeline_statistics {
         extensions.push(ash::khr::pipeline_executable_properties::NAME.as_ptr());
         info = info.push_next(&mut executables);
     }

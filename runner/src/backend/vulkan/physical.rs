@@ -21,8 +21,8 @@ pub(super) struct PhysicalDevice {
     pub(super) queue_family: u32,
     /// Whether it was examined for a window, and the queue presents to it and swapchains can be made.
     pub(super) presents: bool,
-    /// Whether it tells what its driver makes of a pipeline.
-    pub(super) tells_of_pipelines: bool,
+    /// Whether its driver gives statistics of pipelines.
+    pub(super) has_pipeline_statistics: bool,
 }
 
 /// What a device allows.
@@ -160,7 +160,7 @@ fn examine(instance: &Instance, raw: vk::PhysicalDevice, window: Option<&Surface
         },
         queue_family: queue.family,
         presents: queue.presents && offers(instance, raw, ash::khr::swapchain::NAME),
-        tells_of_pipelines: tells_of_pipelines(instance, raw),
+        has_pipeline_statistics: has_pipeline_statistics(instance, raw),
     })
 }
 
@@ -171,7 +171,8 @@ fn offers(instance: &Instance, raw: vk::PhysicalDevice, extension: &CStr) -> boo
     offered.iter().any(|one| one.extension_name_as_c_str() == Ok(extension))
 }
 
-fn tells_of_pipelines(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+/// Whether the device has the extension for statistics of pipelines, and the feature.
+fn has_pipeline_statistics(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
     if !offers(instance, raw, ash::khr::pipeline_executable_properties::NAME) {
         return false;
     }

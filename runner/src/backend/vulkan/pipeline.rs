@@ -386,7 +386,10 @@ impl Pipeline {
         let raw = compile(&layout, kernel, &words)?;
         let pool = descriptor_pool(device, kernel)?;
         let set = allocate_set(&pool, &set_layout)?;
-        let code = kernel.code(&words, statistics::of_pipeline(device, raw.raw()));
+        let statistics = device
+            .executable_properties()
+            .map_or_else(Vec::new, |functions| statistics::of_pipeline(functions, raw.raw()));
+        let code = kernel.code(&words, statistics);
         Ok(Pipeline { kernel, code, raw, layout, set, _pool: pool, _set_layout: set_layout })
     }
 
@@ -481,10 +484,11 @@ fn compile(
         .stage(vk::ShaderStageFlags::COMPUTE)
         .module(module.raw())
         .name(&name);
-    let info = vk::ComputePipelineCreateInfo::default()
-        .layout(layout.raw())
-        .stage(stage)
-        .flags(statistics::flags(device));
+    let flags = match device.executable_properties() {
+        Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
+        None => vk::PipelineCreateFlags::empty(),
+    };
+    let info = vk::ComputePipelineCreateInfo::default().layout(layout.raw()).stage(stage).flags(flags);
     // SAFETY: module and layout are of this device, and `info` lives through the call.
     let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
     // One pipeline was asked for: an error brings a single null handle, which needs no destruction.

@@ -1,14 +1,13 @@
-//! What a driver says of the code that it made of a pipeline, by VK_KHR_pipeline_executable_properties: registers,
-//! spills and the like, under the driver's own names.
+//! Statistics of compiled pipelines, by VK_KHR_pipeline_executable_properties: registers, spills and the like, under
+//! the driver's own names.
 
-use super::device::Device;
 use crate::backend::PipelineStatistic;
+use ash::khr::pipeline_executable_properties as extension;
 use ash::vk;
 
-/// The statistics of a pipeline that was compiled with [`flags`], in the driver's order; none where the driver has
-/// none to give, or fails to.
-pub(super) fn of_pipeline(device: &Device, pipeline: vk::Pipeline) -> Vec<PipelineStatistic> {
-    let Some(functions) = device.executable_properties() else { return Vec::new() };
+/// The statistics of a pipeline of the device that `functions` are of, in the driver's order; none where the driver
+/// fails to give them. The pipeline must have been made with `CAPTURE_STATISTICS_KHR`.
+pub(super) fn of_pipeline(functions: &extension::Device, pipeline: vk::Pipeline) -> Vec<PipelineStatistic> {
     let info = vk::PipelineInfoKHR::default().pipeline(pipeline);
     // SAFETY: the extension and its feature are on, the pipeline is of this device.
     let executables = unsafe { functions.get_pipeline_executable_properties(&info) }.unwrap_or_default();
@@ -25,15 +24,7 @@ pub(super) fn of_pipeline(device: &Device, pipeline: vk::Pipeline) -> Vec<Pipeli
     statistics
 }
 
-/// What a pipeline has to be made with so that it has statistics.
-pub(super) fn flags(device: &Device) -> vk::PipelineCreateFlags {
-    if device.executable_properties().is_some() {
-        vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR
-    } else {
-        vk::PipelineCreateFlags::empty()
-    }
-}
-
+/// The number in a statistic; `None` where it is of a format that Vulkan did not have yet.
 fn value(statistic: &vk::PipelineExecutableStatisticKHR<'_>) -> Option<f64> {
     use vk::PipelineExecutableStatisticFormatKHR as Format;
     let value = statistic.value;

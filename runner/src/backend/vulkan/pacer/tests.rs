@@ -69,6 +69,14 @@ fn even_work_ends_in_submissions_of_the_target() {
     }
 }
 
+/// A first pass on a quick device is over before it has been cut often: each part takes as long as the slowest ray.
+#[test]
+fn a_first_pass_of_cheap_items_has_three_parts() {
+    let device = Device { work_ms: |_, _| 1e-6, tail_ms: |_, _| 0.15 };
+    let went = device.pass(&mut Pacer::new(false), 800, 600);
+    assert!(went.submissions <= 3, "{went:?}");
+}
+
 #[test]
 fn a_window_gets_submissions_of_half_the_length() {
     let mut pacer = Pacer::new(true);
